@@ -1,0 +1,87 @@
+"""Checks of what users pass in: a ValueError says what was given and what was expected.
+
+All of them look at shapes, types and concrete values only, so they run before any compilation;
+inside a transformation, where a value is not known yet, only its shape is looked at.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+# Below this a part is less than two pixels wide, and no feature on it sees anything.
+SMALLEST_SIDE = 4
+
+
+def check_frames(frames: Any) -> None:
+    """ValueError unless frames is a uint8 array, [T, H, W] or [T, H, W, 3], with no empty side."""
+    _check_images("frames", frames, "[T, H, W] grey or [T, H, W, 3] RGB", rank=3)
+
+
+def check_frame(frame: Any) -> None:
+    """ValueError unless frame is a uint8 array, [H, W] or [H, W, 3], with no empty side."""
+    _check_images("frame", frame, "[H, W] grey or [H, W, 3] RGB", rank=2)
+
+
+def check_box(box: ArrayLike, frame_shape: tuple[int, ...]) -> None:
+    """ValueError unless box is x, y, w, h in pixels, at least 4 px a side, and meets the frame.
+
+    frame_shape: (H, W) or (H, W, 3). The box may lie partly outside the frame.
+    """
+    expected = "box must be four finite numbers x, y, w, h in pixels"
+    if isinstance(box, jax.core.Tracer):
+        if box.shape != (4,):
+            raise ValueError(f"{expected}, but has the shape {box.shape}")
+        return
+    try:
+        values = np.asarray(box, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{expected}, but is {box!r}") from None
+    if values.shape != (4,):
+        raise ValueError(f"{expected}, but has the shape {values.shape}: {box!r}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{expected}, but is {_text(values)}")
+    x, y, w, h = values
+    if w <= 0 or h <= 0:
+        raise ValueError(f"box must have a positive width and height, but is {_text(values)}")
+    if min(w, h) < SMALLEST_SIDE:
+        raise ValueError(
+            f"box must be at least {SMALLEST_SIDE} pixels wide and high, but is {_text(values)}"
+        )
+    height, width = frame_shape[:2]
+    if x >= width or y >= height or x + w <= 0 or y + h <= 0:
+        raise ValueError(
+            f"box must lie at least partly in the frame of {width} x {height} pixels, "
+            f"but {_text(values)} is wholly outside"
+        )
+
+
+def check_key(key: Any) -> None:
+    """ValueError unless key is one random key, as made by `jax.random.key`."""
+    if not (isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
+        raise ValueError(f"key must be made by jax.random.key(seed), but is {key!r}")
+    if key.shape != ():
+        raise ValueError(f"key must be one key, but is an array of keys of shape {key.shape}")
+
+
+def _check_images(name: str, images: Any, expected: str, rank: int) -> None:
+    if not isinstance(images, (np.ndarray, jax.Array)):
+        raise ValueError(
+            f"{name} must be a NumPy or JAX array {expected}, but is a {type(images).__name__}"
+        )
+    if images.ndim not in (rank, rank + 1):
+        raise ValueError(f"{name} must be {expected}, but has the shape {images.shape}")
+    if images.ndim == rank + 1 and images.shape[-1] != 3:
+        raise ValueError(
+            f"{name} must have 3 channels (RGB) or none (grey), but has the shape {images.shape}"
+        )
+    if images.dtype != np.uint8:
+        raise ValueError(f"{name} must be uint8 (grey values 0 to 255), but is {images.dtype}")
+    if 0 in images.shape:
+        raise ValueError(f"{name} must not be empty, but has the shape {images.shape}")
+
+
+def _text(box: np.ndarray) -> str:
+    return f"({', '.join(f'{value:g}' for value in box)})"

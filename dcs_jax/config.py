@@ -1,0 +1,182 @@
+"""The settings of a track, checked when they are made."""
+
+import dataclasses
+import math
+from typing import Any, Literal
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike
+
+Selector = Literal["l1", "error", "mil", "first"]
+WeakRule = Literal["midpoint", "gaussian"]
+
+
+def _static(default: Any) -> Any:
+    """A field that defines shapes or chooses code: part of what is compiled."""
+    return dataclasses.field(default=default, metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Config:
+    """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
+
+    A pytree: the numbers are its leaves, so changing one compiles nothing and an array of them can
+    be vmapped over; the other fields are static. `dataclasses.replace` changes fields.
+
+    Static fields:
+        canvas: cells per side of the object, whatever its size in pixels, or (rows, columns); or
+            "native", one cell a pixel of the given box (the paper's setting, compiled anew for
+            every size of box).
+        window_factor: side of the search window in object sides, above 1.
+        window_minimum: the least side of the search window in pixels (the paper: 100).
+        parts: 1 (the whole object), 5 (and its halves, the paper's) or 9 (and its quadrants).
+        selectors: N, the weak classifiers a strong part classifier adds up.
+        pool_size: M, the weak classifiers each selector chooses from.
+        selector: how it chooses: "l1" by non-negative l1 minimisation with label noise (the paper's
+            "w/ l1"), "error" by the least accumulated error ("w/o l1"), "mil" by the bag likelihood
+            (Babenko et al., CVPR 2009), "first" as the first without error in this frame.
+        weak: how a weak classifier decides: "midpoint" by the nearer class mean, "gaussian" by the
+            likelier class (eq. 16).
+        iterations: accelerated proximal gradient steps of the "l1" selector.
+        first_updates: updates on the rows of the first frame.
+
+    Numbers:
+        lam: weight lambda of the l1 penalty (eq. 14), not negative.
+        smoothing: standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none.
+        overhang: how far the box may move out of the frame, in sides of the object, not negative;
+            0: not at all, as the paper's window, which is clipped to the frame.
+        prior: what a displacement of d costs, prior * d^2 / (w h), on the scale of
+            -log(1 - Noisy-OR); 0: every place in the window is as likely (the paper's setting).
+
+    Raises ValueError where a value is out of its range.
+    """
+
+    canvas: int | tuple[int, int] | Literal["native"] = _static(40)
+    window_factor: float = _static(2.0)
+    window_minimum: float = _static(0.0)
+    parts: Literal[1, 5, 9] = _static(9)
+    selectors: int = _static(40)
+    pool_size: int = _static(50)
+    selector: Selector = _static("l1")
+    weak: WeakRule = _static("midpoint")
+    iterations: int = _static(10)
+    first_updates: int = _static(50)
+
+    lam: float | jax.Array = 0.01
+    smoothing: float | jax.Array = 1.5
+    overhang: float | jax.Array = 0.0
+    prior: float | jax.Array = 0.6
+
+    @classmethod
+    def paper(cls, **changes: Any) -> "Config":
+        """The paper's setting (section 4), with any fields changed by keyword."""
+        preset: dict[str, Any] = {
+            "canvas": "native",
+            "window_minimum": 100.0,
+            "parts": 5,
+            "selectors": 20,
+            "pool_size": 200,
+            "iterations": 30,
+            "smoothing": 0.5,
+            "prior": 0.0,
+        }
+        return cls(**(preset | changes))
+
+    def __post_init__(self) -> None:
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise ValueError(
+                    f"{name} must be one of {', '.join(map(repr, choices))}, "
+                    f"but is {getattr(self, name)!r}"
+                )
+        for name, least in _LEAST_COUNT.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
+        sides = self.canvas if isinstance(self.canvas, tuple) else (self.canvas, self.canvas)
+        if self.canvas != "native" and not (
+            len(sides) == 2 and all(isinstance(side, int) and side >= 4 for side in sides)
+        ):
+            raise ValueError(
+                'canvas must be "native", an integer of at least 4 or two of them, '
+                f"but is {self.canvas!r}"
+            )
+        if not 1 < self.window_factor < math.inf:
+            raise ValueError(
+                f"window_factor must be finite and above 1, but is {self.window_factor!r}"
+            )
+        for name in ("window_minimum", "lam", "smoothing", "overhang", "prior"):
+            _check_not_negative(name, getattr(self, name))
+
+    @property
+    def grid(self) -> "Grid":
+        """The cells of object and window; ValueError while they depend on the box (`resolve`)."""
+        if self.canvas == "native" or self.window_minimum > 0:
+            raise ValueError(
+                f"canvas={self.canvas!r} with window_minimum={self.window_minimum} takes its shape "
+                "from the box: call config.resolve(box) first"
+            )
+        rows, columns = self.canvas if isinstance(self.canvas, tuple) else (self.canvas,) * 2
+        return Grid(
+            rows,
+            columns,
+            margin_rows=round(rows * (self.window_factor - 1) / 2),
+            margin_columns=round(columns * (self.window_factor - 1) / 2),
+        )
+
+    def resolve(self, box: ArrayLike) -> "Config":
+        """The same settings with the shapes that depend on the box fixed: canvas and window.
+
+        box: [4], x, y, w, h in pixels, concrete. Returns itself where nothing depends on it.
+        """
+        if self.canvas != "native" and self.window_minimum <= 0:
+            return self
+        _, _, width, height = (float(side) for side in np.asarray(box))
+        canvas = (round(height), round(width)) if self.canvas == "native" else self.canvas
+        factor = max(self.window_factor, *(self.window_minimum / side for side in (width, height)))
+        return dataclasses.replace(self, canvas=canvas, window_factor=factor, window_minimum=0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Cells of the object (rows x columns) and of the window's margin on each side of it."""
+
+    rows: int
+    columns: int
+    margin_rows: int
+    margin_columns: int
+
+    @property
+    def window(self) -> tuple[int, int]:
+        """Rows and columns of the window, cells."""
+        return self.rows + 2 * self.margin_rows, self.columns + 2 * self.margin_columns
+
+    @property
+    def positions(self) -> tuple[int, int]:
+        """Candidate places of the object in the window, per axis: the middle one is no motion."""
+        return 2 * self.margin_rows + 1, 2 * self.margin_columns + 1
+
+
+_CHOICES = {
+    "parts": (1, 5, 9),
+    "selector": ("l1", "error", "mil", "first"),
+    "weak": ("midpoint", "gaussian"),
+}
+_LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1}
+
+
+def _check_not_negative(name: str, value: Any) -> None:
+    """ValueError unless every number in value is finite and at least 0.
+
+    Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
+    no value to look at: only numbers and concrete arrays are checked.
+    """
+    if isinstance(value, jax.core.Tracer) or not isinstance(
+        value, (int, float, np.number, np.ndarray, jax.Array)
+    ):
+        return
+    numbers = np.asarray(value)
+    if not (np.isfinite(numbers) & (numbers >= 0)).all():
+        raise ValueError(f"{name} must be finite and not negative, but is {value}")

@@ -1,0 +1,52 @@
+"""The object's parts, and the training patches of a frame (the paper's sections 3.1 and 3.3)."""
+
+import jax
+import jax.numpy as jnp
+
+from dcs_jax.config import Config, Grid
+from dcs_jax.core.window import reach
+
+# The tracked box counts as four rows of label +1, so that both classes weigh the same; the four
+# corner candidates of the window are -1. Equal rows are stored once, with their multiplicity.
+LABELS = (1.0, -1.0, -1.0, -1.0, -1.0)  # [R]
+WEIGHTS = (4.0, 1.0, 1.0, 1.0, 1.0)  # [R]
+
+
+def part_rectangles(grid: Grid, parts: int) -> tuple[tuple[int, int, int, int], ...]:
+    """Top, left, height and width of each of the K parts within the object, cells.
+
+    In the paper's order: whole, top, left, bottom, right; then, of nine, the quadrants. Where a
+    side is odd, bottom and right are the larger halves.
+    """
+    h, w = grid.rows, grid.columns
+    top, left = h // 2, w // 2
+    whole = ((0, 0, h, w),)
+    halves = ((0, 0, top, w), (0, 0, h, left), (top, 0, h - top, w), (0, left, h, w - left))
+    quadrants = (
+        (0, 0, top, left),
+        (0, left, top, w - left),
+        (top, 0, h - top, left),
+        (top, left, h - top, w - left),
+    )
+    return (whole + halves + quadrants)[:parts]
+
+
+def training_patches(
+    integral: jax.Array, box: jax.Array, frame_shape: tuple[int, ...], config: Config
+) -> jax.Array:
+    """The integral images of the R training patches, side by side: [cells, R].
+
+    The first patch is the tracked box, the others are the corners of the window, as far as they
+    are within reach. The patch axis is the minor one: a feature's corner is then one contiguous
+    row (DESIGN.md section 5: patch by patch is 20 times slower).
+
+    integral: [G_y + 1, G_x + 1], of the window around the tracked box. box: [4].
+    frame_shape: (H, W) or (H, W, 3).
+    """
+    grid = config.grid
+    middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
+    (top, left), (bottom, right) = (middle + limit for limit in reach(box, frame_shape, config))
+    places = (tuple(middle), (top, left), (top, right), (bottom, left), (bottom, right))
+    size = (grid.rows + 1, grid.columns + 1)
+    patches = [jax.lax.dynamic_slice(integral, place, size) for place in places]
+    return jnp.stack(patches, axis=-1).reshape(-1, len(places))

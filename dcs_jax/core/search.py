@@ -1,0 +1,166 @@
+"""The confidence map over the search window and its peak (Algorithm 1, lines 1-3)."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dcs_jax.config import Config, Grid
+from dcs_jax.core.haar import CORNERS
+from dcs_jax.core.weak import vote
+from dcs_jax.core.window import reach
+from dcs_jax.types import Pool, Strong, Weak
+
+# 1 - p of a part is not taken below this, or one part would outvote all the others.
+_LEAST_MISS = 1e-6
+# Scores within this of the maximum belong to its plateau: well above what rounding makes of
+# equal sums, well below one more vote.
+_PLATEAU = 1e-3
+
+
+class ConfidenceMap(NamedTuple):
+    """How likely the object is at each candidate place of the window.
+
+    parts: [K, C_y, C_x] in [0, 1], each part's smoothed probability (1 + H^k) / 2.
+    evidence: [C_y, C_x], -log(1 - p) of the smoothed Noisy-OR p = 1 - prod_k (1 - p_k).
+    """
+
+    parts: jax.Array
+    evidence: jax.Array
+
+    def at(self, row: jax.Array | int, column: jax.Array | int) -> tuple[jax.Array, jax.Array]:
+        """The Noisy-OR probability [] and the parts' probabilities [K] at one place."""
+        return -jnp.expm1(-self.evidence[row, column]), self.parts[:, row, column]
+
+
+def confidence_map(
+    integral: jax.Array, pool: Pool, weak: Weak, strong: Strong, config: Config
+) -> ConfidenceMap:
+    """Let the strong part classifiers vote at every place, smooth, and fuse by Noisy-OR.
+
+    integral: [G_y + 1, G_x + 1], of the window around the last box.
+    """
+    votes = _part_votes(integral, pool, weak, strong, config.grid)
+    parts = _smooth((1 + votes) / 2, config.smoothing)
+    evidence = -jnp.log(jnp.maximum(1 - parts, _LEAST_MISS)).sum(0)
+    return ConfidenceMap(parts, _smooth(evidence, config.smoothing))
+
+
+def find_peak(
+    evidence: jax.Array, box: jax.Array, frame_shape: tuple[int, ...], config: Config
+) -> jax.Array:
+    """Displacement of the object from the middle of the window: [2] down and right, cells.
+
+    The best score, evidence less motion prior, often holds on a plateau, since votes are hard: of
+    the best places the one nearest to the middle, and of the plateau around it the centroid. The
+    first index would drift up and to the left even on a still scene.
+
+    evidence: [C_y, C_x]. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    """
+    grid = config.grid
+    low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
+    down = jnp.arange(grid.positions[0], dtype=jnp.float32)[:, None] - grid.margin_rows
+    right = jnp.arange(grid.positions[1], dtype=jnp.float32)[None, :] - grid.margin_columns
+    _, _, w, h = box
+    # d^2 / (w h), with d in pixels.
+    squared = (down / grid.rows) ** 2 * (h / w) + (right / grid.columns) ** 2 * (w / h)
+    in_reach = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
+    score = jnp.where(in_reach, evidence - config.prior * squared, -jnp.inf)
+    best = score >= score.max() - _PLATEAU
+    nearest = jnp.argmin(jnp.where(best, squared, jnp.inf))
+    seed = (jnp.arange(best.size) == nearest).reshape(best.shape)
+    plateau = _connected(seed, best).astype(jnp.float32)
+    return jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
+
+
+class _Classifiers(NamedTuple):
+    """Selected weak classifiers: [K, N, ...], or [N, ...] of one part, or [...] one of them.
+
+    rows, columns: [9] int32, the feature's corners in the patch. weights: [9]. mean: [2].
+    sigma: [2] or None. alpha: [].
+    """
+
+    rows: jax.Array
+    columns: jax.Array
+    weights: jax.Array
+    mean: jax.Array
+    sigma: jax.Array | None
+    alpha: jax.Array
+
+
+def _part_votes(
+    integral: jax.Array, pool: Pool, weak: Weak, strong: Strong, grid: Grid
+) -> jax.Array:
+    """H^k = sum_n alpha h / sum_n alpha at every place, 0 where all alpha are: [K, C_y, C_x].
+
+    Under vmap the tracks take turns: slices at batched places would become element-wise gathers.
+    """
+    first = jnp.arange(0, pool.boxes.size, pool.boxes.size // strong.selected.size)
+    chosen = first.reshape(strong.selected.shape) + strong.selected  # [K, N] in 0..F
+    rows, columns = jnp.divmod(pool.corners[chosen], grid.columns + 1)
+    sigma = None if weak.sigma is None else weak.sigma[chosen]
+    classifiers = _Classifiers(
+        rows, columns, pool.weights[chosen], weak.mean[chosen], sigma, strong.alpha
+    )
+
+    @jax.custom_batching.sequential_vmap
+    def all_parts(integral: jax.Array, classifiers: _Classifiers) -> jax.Array:
+        return jax.lax.map(lambda part: _sum_votes(integral, part, grid.positions), classifiers)
+
+    total = strong.alpha.sum(1)[:, None, None]
+    return all_parts(integral, classifiers) / jnp.where(total > 0, total, 1)
+
+
+def _sum_votes(
+    integral: jax.Array, classifiers: _Classifiers, positions: tuple[int, int]
+) -> jax.Array:
+    """sum_n alpha h of one part at every place: [C_y, C_x].
+
+    A feature at all places at once is nine shifted views of the integral image, added up.
+    """
+
+    def add(total: jax.Array, classifier: _Classifiers) -> tuple[jax.Array, None]:
+        response = jnp.zeros(positions, integral.dtype)
+        for corner in range(CORNERS):
+            start = (classifier.rows[corner], classifier.columns[corner])
+            view = jax.lax.dynamic_slice(integral, start, positions)
+            response += classifier.weights[corner] * view
+        return total + classifier.alpha * vote(response, classifier.mean, classifier.sigma), None
+
+    return jax.lax.scan(add, jnp.zeros(positions, integral.dtype), classifiers)[0]
+
+
+def _smooth(maps: jax.Array, sigma: float | jax.Array) -> jax.Array:
+    """3x3 Gaussian of standard deviation sigma cells over the last two axes, edges repeated."""
+    side = jnp.exp(-0.5 / jnp.square(jnp.asarray(sigma, jnp.float32)))  # 0 where sigma is
+    for axis in (-2, -1):
+        before, after = _neighbours(maps, axis, mode="edge")
+        maps = (maps + side * (before + after)) / (1 + 2 * side)
+    return maps
+
+
+def _connected(seed: jax.Array, mask: jax.Array) -> jax.Array:
+    """The part of the mask [...] that is connected (diagonals too) with the seed: bool [...]."""
+
+    def grow(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        region, _ = carry
+        wider = region
+        for axis in (-2, -1):
+            before, after = _neighbours(wider, axis, mode="constant")
+            wider = wider | before | after
+        wider &= mask
+        return wider, (wider != region).any()
+
+    return jax.lax.while_loop(lambda carry: carry[1], grow, (seed, jnp.array(True)))[0]
+
+
+def _neighbours(values: jax.Array, axis: int, mode: str) -> tuple[jax.Array, jax.Array]:
+    """The values one place before and one after each place along an axis."""
+    widths = [(0, 0)] * values.ndim
+    widths[axis] = (1, 1)
+    padded = jnp.pad(values, widths, mode=mode)
+    size = values.shape[axis]
+    return (
+        jax.lax.slice_in_dim(padded, 0, size, axis=axis),
+        jax.lax.slice_in_dim(padded, 2, size + 2, axis=axis),
+    )

@@ -1,0 +1,15 @@
+"""The strong part classifiers, weighted sums of the selected weak ones (Algorithm 2, lines 6-8)."""
+
+import jax
+import jax.numpy as jnp
+
+from dcs_jax.types import Strong
+
+
+def combine(selected: jax.Array, error: jax.Array) -> Strong:
+    """Weigh the selected classifiers by alpha = max(0, ln((1 - e) / e)).
+
+    selected: [K, N] int32 in [0, M). error: [K, N, M] in (0, 1), of all classifiers.
+    """
+    chosen = jnp.take_along_axis(error, selected[..., None], axis=-1)[..., 0]
+    return Strong(selected=selected, alpha=jnp.maximum(jnp.log((1 - chosen) / chosen), 0))

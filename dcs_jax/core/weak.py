@@ -1,0 +1,83 @@
+"""Weak classifiers: a grey-level model of each class per feature (the paper's section 3.2)."""
+
+import jax
+import jax.numpy as jnp
+
+from dcs_jax.config import WeakRule
+from dcs_jax.core.samples import LABELS, WEIGHTS
+from dcs_jax.types import Pool, Weak
+
+# The Kalman filter of on-line boosting (Grabner and Bischof, CVPR 2006).
+_FIRST_VARIANCE = 1000.0
+_MEASUREMENT_VARIANCE = 0.01
+_LEAST_GAIN = 0.001
+_LEAST_SIGMA = 1.0
+
+
+def init_weak(pool: Pool, rule: WeakRule) -> Weak:
+    """Weak classifiers that have seen nothing.
+
+    The first sigma is that of `boxes` independent sums of grey values uniform in 0..256.
+    """
+    features = pool.boxes.shape[0]
+    sigma = jnp.sqrt(256.0**2 / 12 * pool.boxes.astype(jnp.float32))
+    ones = jnp.ones(features, jnp.float32)
+    return Weak(
+        mean=jnp.zeros((features, 2), jnp.float32),
+        sigma=jnp.stack([sigma, sigma], axis=1) if rule == "gaussian" else None,
+        variance=jnp.float32(_FIRST_VARIANCE),
+        correct=ones,
+        wrong=ones,
+    )
+
+
+def update_weak(weak: Weak, responses: jax.Array) -> tuple[Weak, jax.Array]:
+    """Learn one frame's rows, then classify them and count (Algorithm 2, lines 1-3).
+
+    The means are Kalman-filtered row by row. The gain does not depend on the data: it is one scalar
+    per row for all features, about 1/t and then a floor.
+
+    responses: [F, R]. Returns the updated classifiers and their votes [F, R] in {-1, 1}.
+    """
+    mean, sigma, variance = weak.mean, weak.sigma, weak.variance
+    for row in range(1, len(LABELS)):
+        # Rows of both classes in turn: the object's row is the same each time.
+        values = jnp.stack([responses[:, row], responses[:, 0]], axis=1)  # [F, 2]
+        gain = jnp.maximum(variance / (variance + _MEASUREMENT_VARIANCE), _LEAST_GAIN)
+        mean = mean + gain * (values - mean)
+        if sigma is not None:
+            square = gain * (values - mean) ** 2 + (1 - gain) * sigma**2
+            sigma = jnp.maximum(jnp.sqrt(square), _LEAST_SIGMA)
+        variance = variance * _MEASUREMENT_VARIANCE / (variance + _MEASUREMENT_VARIANCE)
+    votes = vote(responses, mean[:, None], None if sigma is None else sigma[:, None])
+    rows = sum(WEIGHTS)
+    agreement = votes @ (jnp.asarray(LABELS) * jnp.asarray(WEIGHTS))  # right minus wrong rows
+    weak = Weak(
+        mean=mean,
+        sigma=sigma,
+        variance=variance,
+        correct=weak.correct + (rows + agreement) / 2,
+        wrong=weak.wrong + (rows - agreement) / 2,
+    )
+    return weak, votes
+
+
+def vote(responses: jax.Array, mean: jax.Array, sigma: jax.Array | None) -> jax.Array:
+    """The classifiers' decisions on responses [...]: -1 (background) or 1 (object), ties 1.
+
+    mean, sigma: [..., 2]. Without sigma: on which side of the midpoint between the class means the
+    response lies. With sigma: which class is likelier (eq. 16).
+    """
+    background, target = mean[..., 0], mean[..., 1]
+    if sigma is None:
+        evidence = (responses - (background + target) / 2) * (target - background)
+    else:
+        deviation = (responses[..., None] - mean) / sigma
+        log_density = -0.5 * deviation**2 - jnp.log(sigma)
+        evidence = log_density[..., 1] - log_density[..., 0]
+    return jnp.where(evidence >= 0, 1.0, -1.0).astype(jnp.float32)
+
+
+def error(weak: Weak) -> jax.Array:
+    """Fraction of all rows so far that each classifier got wrong: [F] in (0, 1)."""
+    return weak.wrong / (weak.wrong + weak.correct)
