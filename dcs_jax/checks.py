@@ -9,7 +9,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike
+
+from dcs_jax.types import BoxLike
 
 # Below this a part is less than two pixels wide, and no feature on it sees anything.
 SMALLEST_SIDE = 4
@@ -25,7 +26,7 @@ def check_frame(frame: Any) -> None:
     _check_images("frame", frame, "[H, W] grey or [H, W, 3] RGB", rank=2)
 
 
-def check_box(box: ArrayLike, frame_shape: tuple[int, ...]) -> None:
+def check_box(box: BoxLike, frame_shape: tuple[int, ...]) -> None:
     """ValueError unless box is x, y, w, h in pixels, at least 4 px a side, and meets the frame.
 
     frame_shape: (H, W) or (H, W, 3). The box may lie partly outside the frame.

@@ -6,7 +6,8 @@ from typing import Any, Literal
 
 import jax
 import numpy as np
-from numpy.typing import ArrayLike
+
+from dcs_jax.types import BoxLike
 
 Selector = Literal["l1", "error", "mil", "first"]
 WeakRule = Literal["midpoint", "gaussian"]
@@ -43,6 +44,7 @@ class Config:
         first_updates: updates on the rows of the first frame.
 
     Numbers:
+        block: the largest base block of a feature, in sides of its part, above 0 and at most 1.
         lam: weight lambda of the l1 penalty (eq. 14), not negative.
         smoothing: standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none.
         overhang: how far the box may move out of the frame, in sides of the object, not negative;
@@ -64,6 +66,7 @@ class Config:
     iterations: int = _static(10)
     first_updates: int = _static(50)
 
+    block: float | jax.Array = 0.2
     lam: float | jax.Array = 0.01
     smoothing: float | jax.Array = 1.5
     overhang: float | jax.Array = 0.0
@@ -108,7 +111,8 @@ class Config:
                 f"window_factor must be finite and above 1, but is {self.window_factor!r}"
             )
         for name in ("window_minimum", "lam", "smoothing", "overhang", "prior"):
-            _check_not_negative(name, getattr(self, name))
+            _check_range(name, getattr(self, name), "finite and not negative", 0, math.inf)
+        _check_range("block", self.block, "above 0 and at most 1", 1e-6, 1 + 1e-6)
 
     @property
     def grid(self) -> "Grid":
@@ -126,7 +130,7 @@ class Config:
             margin_columns=round(columns * (self.window_factor - 1) / 2),
         )
 
-    def resolve(self, box: ArrayLike) -> "Config":
+    def resolve(self, box: BoxLike) -> "Config":
         """The same settings with the shapes that depend on the box fixed: canvas and window.
 
         box: [4], x, y, w, h in pixels, concrete. Returns itself where nothing depends on it.
@@ -167,16 +171,18 @@ _CHOICES = {
 _LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1}
 
 
-def _check_not_negative(name: str, value: Any) -> None:
-    """ValueError unless every number in value is finite and at least 0.
+def _check_range(name: str, value: Any, expected: str, least: float, limit: float) -> None:
+    """ValueError unless value is a number, or an array of numbers, in [least, limit).
 
     Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
-    no value to look at: only numbers and concrete arrays are checked.
+    no value to look at: they pass.
     """
+    if isinstance(value, (str, bytes, list, dict, tuple)):
+        raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
     if isinstance(value, jax.core.Tracer) or not isinstance(
         value, (int, float, np.number, np.ndarray, jax.Array)
     ):
         return
     numbers = np.asarray(value)
-    if not (np.isfinite(numbers) & (numbers >= 0)).all():
-        raise ValueError(f"{name} must be finite and not negative, but is {value}")
+    if not ((numbers >= least) & (numbers < limit)).all():
+        raise ValueError(f"{name} must be {expected}, but is {value}")

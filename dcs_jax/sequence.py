@@ -3,17 +3,19 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike
+from jaxtyping import Array, Float, UInt8
 
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_frames, check_key
 from dcs_jax.config import Config
-from dcs_jax.types import State, StepInfo, Track
+from dcs_jax.types import BoxLike, ImageLike, State, StepInfo, Track
+
+Frames = UInt8[Array, "T H W *channels"]
 
 
 def track_sequence(
-    frames: np.ndarray | jax.Array,
-    box: ArrayLike,
+    frames: ImageLike,
+    box: BoxLike,
     key: jax.Array | None = None,
     config: Config = Config(),
 ) -> Track:
@@ -41,7 +43,7 @@ def track_sequence(
 
 
 @jax.jit
-def track_chunk(state: State, frames: jax.Array, config: Config) -> tuple[State, StepInfo]:
+def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
     """Follow a track through the next frames of its video: `step` in one `lax.scan`.
 
     frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
@@ -51,7 +53,7 @@ def track_chunk(state: State, frames: jax.Array, config: Config) -> tuple[State,
 
 
 @jax.jit
-def _track(frames: jax.Array, box: jax.Array, key: jax.Array, config: Config) -> Track:
+def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
     state = tracker.init(frames[0], box, key, config)
     first = tracker.score(state, frames[0], config)
     _, rest = track_chunk(state, frames[1:], config)

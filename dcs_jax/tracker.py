@@ -5,6 +5,7 @@ The functions are pure and can be jitted, vmapped and scanned: `sequence.py` sca
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from dcs_jax.checks import check_box, check_frame
 from dcs_jax.config import Config, Grid
@@ -15,10 +16,10 @@ from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import window_integral
-from dcs_jax.types import Pool, State, StepInfo, Strong, Weak
+from dcs_jax.types import BoxLike, Frame, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
-def init(frame: jax.Array, box: jax.Array, key: jax.Array, config: Config) -> State:
+def init(frame: ImageLike, box: BoxLike, key: jax.Array, config: Config) -> State:
     """Start a track: draw the features and learn the object from its first frame.
 
     frame: [H, W] grey or [H, W, 3] RGB, uint8. box: [4], x, y, w, h in pixels, float32.
@@ -27,10 +28,10 @@ def init(frame: jax.Array, box: jax.Array, key: jax.Array, config: Config) -> St
 
     Raises ValueError where shapes, types or the box are not as stated.
     """
-    check_frame(frame)
+    frame = _checked(frame)
     check_box(box, frame.shape)
     box = jnp.asarray(box, jnp.float32)
-    pool = draw_pool(key, config.grid, config.parts, config.selectors * config.pool_size)
+    pool = draw_pool(key, config)
     values = _training_responses(frame, box, pool, config)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
@@ -40,13 +41,13 @@ def init(frame: jax.Array, box: jax.Array, key: jax.Array, config: Config) -> St
     return State(box, pool, *_learn(values, weak, config))
 
 
-def step(state: State, frame: jax.Array, config: Config) -> tuple[State, StepInfo]:
+def step(state: State, frame: ImageLike, config: Config) -> tuple[State, StepInfo]:
     """Follow the object into the next frame (Algorithm 1) and learn it there.
 
     frame: [H, W] grey or [H, W, 3] RGB, uint8, of the same size as before.
     config: as given to `init`; its numbers may change from frame to frame.
     """
-    check_frame(frame)
+    frame = _checked(frame)
     # Lines 1-3: where in the window around its last place is the object most likely?
     confidence = _look(state, frame, config)
     displacement = find_peak(confidence.evidence, state.box, frame.shape, config)
@@ -57,24 +58,32 @@ def step(state: State, frame: jax.Array, config: Config) -> tuple[State, StepInf
     return State(box, state.pool, weak, strong), _info(box, confidence, displacement, config.grid)
 
 
-def score(state: State, frame: jax.Array, config: Config) -> StepInfo:
+def score(state: State, frame: ImageLike, config: Config) -> StepInfo:
     """What the classifiers make of a frame at the place where the state has its box.
 
     After `init` this is the first row of a track, whose box is given and not searched for.
     """
-    check_frame(frame)
+    frame = _checked(frame)
     confidence = _look(state, frame, config)
     return _info(state.box, confidence, jnp.zeros(2, jnp.float32), config.grid)
 
 
-def _look(state: State, frame: jax.Array, config: Config) -> ConfidenceMap:
+def _checked(frame: ImageLike) -> Frame:
+    check_frame(frame)
+    return jnp.asarray(frame)
+
+
+def _look(state: State, frame: Frame, config: Config) -> ConfidenceMap:
     window = window_integral(frame, state.box, config.grid)
     return confidence_map(window, state.pool, state.weak, state.strong, config)
 
 
 def _move(
-    box: jax.Array, displacement: jax.Array, frame_shape: tuple[int, ...], grid: Grid
-) -> jax.Array:
+    box: Float[Array, "4"],
+    displacement: Float[Array, "2"],
+    frame_shape: tuple[int, ...],
+    grid: Grid,
+) -> Float[Array, "4"]:
     """The box moved by a displacement in cells; its centre stays in the frame."""
     x, y, w, h = box
     down, right = displacement
@@ -83,13 +92,15 @@ def _move(
     return jnp.stack([x, y, w, h])
 
 
-def _training_responses(frame: jax.Array, box: jax.Array, pool: Pool, config: Config) -> jax.Array:
+def _training_responses(
+    frame: Frame, box: Float[Array, "4"], pool: Pool, config: Config
+) -> Float[Array, "F R"]:
     """Responses of all features on the R training patches of a frame: [F, R]."""
     window = window_integral(frame, box, config.grid)
     return responses(training_patches(window, box, frame.shape, config), pool)
 
 
-def _learn(values: jax.Array, weak: Weak, config: Config) -> tuple[Weak, Strong]:
+def _learn(values: Float[Array, "F R"], weak: Weak, config: Config) -> tuple[Weak, Strong]:
     """Algorithm 2: update all weak classifiers, select among them, add up the selected.
 
     values: [F, R], the features' responses on this frame's training patches.
@@ -102,7 +113,7 @@ def _learn(values: jax.Array, weak: Weak, config: Config) -> tuple[Weak, Strong]
 
 
 def _info(
-    box: jax.Array, confidence: ConfidenceMap, displacement: jax.Array, grid: Grid
+    box: Float[Array, "4"], confidence: ConfidenceMap, displacement: Float[Array, "2"], grid: Grid
 ) -> StepInfo:
     """The record of one frame: the map is read at the cell nearest to the chosen place."""
     middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)

@@ -10,9 +10,17 @@ Dimensions, used in every docstring and shape comment of the library:
     G  cells per side of a window          C  candidate positions per axis
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
+import numpy as np
+from jaxtyping import Array, Float, Int32, UInt8
+
+Frame = UInt8[Array, "H W *channels"]
+# What users may pass; shapes and values are checked with errors of our own.
+ImageLike = jax.Array | np.ndarray
+BoxLike = jax.Array | np.ndarray | Sequence[float]
 
 
 class Pool(NamedTuple):
@@ -24,9 +32,9 @@ class Pool(NamedTuple):
     boxes: [F] int32, number of boxes the feature compares (2, 3 or 4).
     """
 
-    corners: jax.Array
-    weights: jax.Array
-    boxes: jax.Array
+    corners: Int32[Array, "F 9"]
+    weights: Float[Array, "F 9"]
+    boxes: Int32[Array, " F"]
 
 
 class Weak(NamedTuple):
@@ -40,11 +48,11 @@ class Weak(NamedTuple):
         each counted from 1 (lambda_c and lambda_w of online boosting).
     """
 
-    mean: jax.Array
-    sigma: jax.Array | None
-    variance: jax.Array
-    correct: jax.Array
-    wrong: jax.Array
+    mean: Float[Array, "F 2"]
+    sigma: Float[Array, "F 2"] | None
+    variance: Float[Array, ""]
+    correct: Float[Array, " F"]
+    wrong: Float[Array, " F"]
 
 
 class Strong(NamedTuple):
@@ -54,8 +62,8 @@ class Strong(NamedTuple):
     alpha: [K, N] float32, its voting weight, not negative.
     """
 
-    selected: jax.Array
-    alpha: jax.Array
+    selected: Int32[Array, "K N"]
+    alpha: Float[Array, "K N"]
 
 
 class State(NamedTuple):
@@ -64,7 +72,7 @@ class State(NamedTuple):
     box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner.
     """
 
-    box: jax.Array
+    box: Float[Array, "4"]
     pool: Pool
     weak: Weak
     strong: Strong
@@ -78,9 +86,9 @@ class StepInfo(NamedTuple):
     part_scores: [K] float32 in [0, 1], each part's probability there.
     """
 
-    box: jax.Array
-    confidence: jax.Array
-    part_scores: jax.Array
+    box: Float[Array, "4"]
+    confidence: Float[Array, ""]
+    part_scores: Float[Array, " K"]
 
 
 class Track(NamedTuple):
@@ -91,6 +99,6 @@ class Track(NamedTuple):
     part_scores: [T, K] float32 in [0, 1], each part's probability there.
     """
 
-    boxes: jax.Array
-    confidence: jax.Array
-    part_scores: jax.Array
+    boxes: Float[Array, "T 4"]
+    confidence: Float[Array, " T"]
+    part_scores: Float[Array, "T K"]

@@ -3,14 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Shaped
 
-from dcs_jax.config import Grid
+from dcs_jax.config import Config
 from dcs_jax.core.samples import part_rectangles
 from dcs_jax.types import Pool
 
 CORNERS = 9
-# The authors' generator: base blocks up to a fifth of the part, features of at least 9 cells.
-_SIZE_DIVISOR = 5
+# Features cover at least this many cells (the authors' generator).
 _LEAST_AREA = 9
 # One proposal in four is valid on the smallest part of the default canvas; with 64 of them one
 # feature in 10^8 has to fall back on one that is smaller than _LEAST_AREA.
@@ -46,24 +46,26 @@ def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 _ROWS, _COLUMNS, _WEIGHTS, _BOXES = _type_table()
 
 
-def draw_pool(key: jax.Array, grid: Grid, parts: int, features_per_part: int) -> Pool:
-    """Draw the features of all parts: F = parts * features_per_part, part by part.
+def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
+    """Draw the features of all parts: F = K * N * M, part by part, selector by selector.
 
     The five types are equally likely: two boxes one above or beside the other, three 1:2:1
     likewise, and the 2x2 checker, with weights {1,-1}, {1,-2,1} and {1,-1,-1,1} on the boxes'
-    means. Base block floor(U * side / 5) per axis, top-left uniform in the part; a proposal that
-    leaves the part or covers less than 9 cells is rejected. All proposals are drawn at once and the
-    first valid one wins. On a part too small for any valid feature the blocks are at least one cell
-    and the least area is waived.
+    means. Base block floor(U * block * side) per axis, top-left uniform in the part; a proposal
+    that leaves the part or covers less than 9 cells is rejected. All proposals are drawn at once
+    and the first valid one wins. On a part too small for any valid feature the blocks are at least
+    one cell and the least area is waived.
     """
-    rectangles = np.array(part_rectangles(grid, parts), np.float32)  # [K, 4]
+    grid = config.grid
+    features_per_part = config.selectors * config.pool_size
+    rectangles = np.array(part_rectangles(grid, config.parts), np.float32)  # [K, 4]
     top, left, height, width = np.repeat(rectangles, features_per_part, axis=0).T[:, :, None]
-    shape = (parts * features_per_part, _PROPOSALS)
+    shape = (config.parts * features_per_part, _PROPOSALS)
     key_type, *keys = jax.random.split(key, 5)
     kind = jax.random.randint(key_type, shape, 0, len(_BOXES))
     uniform = [jax.random.uniform(key, shape) for key in keys]
-    block_height = jnp.floor(uniform[0] * height / _SIZE_DIVISOR)
-    block_width = jnp.floor(uniform[1] * width / _SIZE_DIVISOR)
+    block_height = jnp.floor(uniform[0] * (config.block * height))
+    block_width = jnp.floor(uniform[1] * (config.block * width))
     large_enough = block_height * block_width >= 1
     block_height, block_width = jnp.maximum(block_height, 1.0), jnp.maximum(block_width, 1.0)
     row, column = jnp.floor(uniform[2] * height), jnp.floor(uniform[3] * width)
@@ -72,9 +74,11 @@ def draw_pool(key: jax.Array, grid: Grid, parts: int, features_per_part: int) ->
     columns_spanned = jnp.asarray(_COLUMNS.max(1), jnp.float32)[kind] * block_width
     fits = (row + rows_spanned <= height) & (column + columns_spanned <= width)
     valid = fits & large_enough & (rows_spanned * columns_spanned >= _LEAST_AREA)
-    chosen = jnp.argmax(fits.astype(jnp.int32) + valid.astype(jnp.int32), axis=1)[:, None]  # the first of the best
+    chosen = jnp.argmax(fits.astype(jnp.int32) + valid.astype(jnp.int32), axis=1)[
+        :, None
+    ]  # the first of the best
 
-    def choose(values: jax.Array) -> jax.Array:
+    def choose(values: Shaped[Array, "F proposals"]) -> Shaped[Array, "F 1"]:
         return jnp.take_along_axis(values, chosen, axis=1).astype(jnp.int32)
 
     kind = choose(kind)[:, 0]
@@ -94,7 +98,7 @@ def draw_pool(key: jax.Array, grid: Grid, parts: int, features_per_part: int) ->
     )
 
 
-def responses(patches: jax.Array, pool: Pool) -> jax.Array:
+def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "F R"]:
     """Responses of all features on all patches, in grey values: [F, R] float32.
 
     patches: [cells, R], see `training_patches`. One row gather per corner, unrolled: a sum over a

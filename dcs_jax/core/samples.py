@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.window import reach
@@ -32,8 +33,11 @@ def part_rectangles(grid: Grid, parts: int) -> tuple[tuple[int, int, int, int], 
 
 
 def training_patches(
-    integral: jax.Array, box: jax.Array, frame_shape: tuple[int, ...], config: Config
-) -> jax.Array:
+    integral: Float[Array, "lines_y lines_x"],
+    box: Float[Array, "4"],
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> Float[Array, "cells R"]:
     """The integral images of the R training patches, side by side: [cells, R].
 
     The first patch is the tracked box, the others are the corners of the window, as far as they

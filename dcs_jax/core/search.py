@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS
@@ -25,16 +26,22 @@ class ConfidenceMap(NamedTuple):
     evidence: [C_y, C_x], -log(1 - p) of the smoothed Noisy-OR p = 1 - prod_k (1 - p_k).
     """
 
-    parts: jax.Array
-    evidence: jax.Array
+    parts: Float[Array, "K C_y C_x"]
+    evidence: Float[Array, "C_y C_x"]
 
-    def at(self, row: jax.Array | int, column: jax.Array | int) -> tuple[jax.Array, jax.Array]:
+    def at(
+        self, row: Int32[Array, ""], column: Int32[Array, ""]
+    ) -> tuple[Float[Array, ""], Float[Array, " K"]]:
         """The Noisy-OR probability [] and the parts' probabilities [K] at one place."""
         return -jnp.expm1(-self.evidence[row, column]), self.parts[:, row, column]
 
 
 def confidence_map(
-    integral: jax.Array, pool: Pool, weak: Weak, strong: Strong, config: Config
+    integral: Float[Array, "lines_y lines_x"],
+    pool: Pool,
+    weak: Weak,
+    strong: Strong,
+    config: Config,
 ) -> ConfidenceMap:
     """Let the strong part classifiers vote at every place, smooth, and fuse by Noisy-OR.
 
@@ -47,8 +54,11 @@ def confidence_map(
 
 
 def find_peak(
-    evidence: jax.Array, box: jax.Array, frame_shape: tuple[int, ...], config: Config
-) -> jax.Array:
+    evidence: Float[Array, "C_y C_x"],
+    box: Float[Array, "4"],
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> Float[Array, "2"]:
     """Displacement of the object from the middle of the window: [2] down and right, cells.
 
     The best score, evidence less motion prior, often holds on a plateau, since votes are hard: of
@@ -80,17 +90,17 @@ class _Classifiers(NamedTuple):
     sigma: [2] or None. alpha: [].
     """
 
-    rows: jax.Array
-    columns: jax.Array
-    weights: jax.Array
-    mean: jax.Array
-    sigma: jax.Array | None
-    alpha: jax.Array
+    rows: Int32[Array, "*classifiers 9"]
+    columns: Int32[Array, "*classifiers 9"]
+    weights: Float[Array, "*classifiers 9"]
+    mean: Float[Array, "*classifiers 2"]
+    sigma: Float[Array, "*classifiers 2"] | None
+    alpha: Float[Array, "*classifiers"]
 
 
 def _part_votes(
-    integral: jax.Array, pool: Pool, weak: Weak, strong: Strong, grid: Grid
-) -> jax.Array:
+    integral: Float[Array, "lines_y lines_x"], pool: Pool, weak: Weak, strong: Strong, grid: Grid
+) -> Float[Array, "K C_y C_x"]:
     """H^k = sum_n alpha h / sum_n alpha at every place, 0 where all alpha are: [K, C_y, C_x].
 
     Under vmap the tracks take turns: slices at batched places would become element-wise gathers.
@@ -104,7 +114,9 @@ def _part_votes(
     )
 
     @jax.custom_batching.sequential_vmap
-    def all_parts(integral: jax.Array, classifiers: _Classifiers) -> jax.Array:
+    def all_parts(
+        integral: Float[Array, "lines_y lines_x"], classifiers: _Classifiers
+    ) -> Float[Array, "K C_y C_x"]:
         return jax.lax.map(lambda part: _sum_votes(integral, part, grid.positions), classifiers)
 
     total = strong.alpha.sum(1)[:, None, None]
@@ -112,14 +124,18 @@ def _part_votes(
 
 
 def _sum_votes(
-    integral: jax.Array, classifiers: _Classifiers, positions: tuple[int, int]
-) -> jax.Array:
+    integral: Float[Array, "lines_y lines_x"],
+    classifiers: _Classifiers,
+    positions: tuple[int, int],
+) -> Float[Array, "C_y C_x"]:
     """sum_n alpha h of one part at every place: [C_y, C_x].
 
     A feature at all places at once is nine shifted views of the integral image, added up.
     """
 
-    def add(total: jax.Array, classifier: _Classifiers) -> tuple[jax.Array, None]:
+    def add(
+        total: Float[Array, "C_y C_x"], classifier: _Classifiers
+    ) -> tuple[Float[Array, "C_y C_x"], None]:
         response = jnp.zeros(positions, integral.dtype)
         for corner in range(CORNERS):
             start = (classifier.rows[corner], classifier.columns[corner])
@@ -130,7 +146,9 @@ def _sum_votes(
     return jax.lax.scan(add, jnp.zeros(positions, integral.dtype), classifiers)[0]
 
 
-def _smooth(maps: jax.Array, sigma: float | jax.Array) -> jax.Array:
+def _smooth(
+    maps: Float[Array, "*maps C_y C_x"], sigma: float | Float[Array, ""]
+) -> Float[Array, "*maps C_y C_x"]:
     """3x3 Gaussian of standard deviation sigma cells over the last two axes, edges repeated."""
     side = jnp.exp(-0.5 / jnp.square(jnp.asarray(sigma, jnp.float32)))  # 0 where sigma is
     for axis in (-2, -1):
@@ -139,10 +157,14 @@ def _smooth(maps: jax.Array, sigma: float | jax.Array) -> jax.Array:
     return maps
 
 
-def _connected(seed: jax.Array, mask: jax.Array) -> jax.Array:
+def _connected(
+    seed: Bool[Array, "C_y C_x"], mask: Bool[Array, "C_y C_x"]
+) -> Bool[Array, "C_y C_x"]:
     """The part of the mask [...] that is connected (diagonals too) with the seed: bool [...]."""
 
-    def grow(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def grow(
+        carry: tuple[Bool[Array, "C_y C_x"], Bool[Array, ""]],
+    ) -> tuple[Bool[Array, "C_y C_x"], Bool[Array, ""]]:
         region, _ = carry
         wider = region
         for axis in (-2, -1):
@@ -154,7 +176,9 @@ def _connected(seed: jax.Array, mask: jax.Array) -> jax.Array:
     return jax.lax.while_loop(lambda carry: carry[1], grow, (seed, jnp.array(True)))[0]
 
 
-def _neighbours(values: jax.Array, axis: int, mode: str) -> tuple[jax.Array, jax.Array]:
+def _neighbours(
+    values: Shaped[Array, "*shape"], axis: int, mode: str
+) -> tuple[Shaped[Array, "*shape"], Shaped[Array, "*shape"]]:
     """The values one place before and one after each place along an axis."""
     widths = [(0, 0)] * values.ndim
     widths[axis] = (1, 1)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core import apg
@@ -12,7 +13,9 @@ from dcs_jax.core.samples import LABELS, WEIGHTS
 TIE_TOLERANCE = 1e-3
 
 
-def select(votes: jax.Array, error: jax.Array, config: Config) -> jax.Array:
+def select(
+    votes: Float[Array, "K N M R"], error: Float[Array, "K N M"], config: Config
+) -> Int32[Array, "K N"]:
     """Choose a classifier for each selector: [K, N] int32 in [0, M).
 
     votes: [K, N, M, R] in {-1, 1}, the classifiers' votes on this frame's rows.
@@ -32,7 +35,7 @@ def select(votes: jax.Array, error: jax.Array, config: Config) -> jax.Array:
     return first_maximum(scores)
 
 
-def _l1(votes: jax.Array, config: Config) -> jax.Array:
+def _l1(votes: Float[Array, "K N M R"], config: Config) -> Int32[Array, "K N"]:
     """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N].
 
     R distinct rows leave 2^R columns that differ: each problem is solved for those with their
@@ -44,7 +47,7 @@ def _l1(votes: jax.Array, config: Config) -> jax.Array:
     codes = jnp.where(votes > 0, jnp.asarray(bits, jnp.int32), 0).sum(-1)  # [K, N, M]
     labels, weights = jnp.asarray(LABELS), jnp.asarray(WEIGHTS)
 
-    def score(codes: jax.Array) -> jax.Array:
+    def score(codes: Int32[Array, " M"]) -> Float[Array, " M"]:
         """Coefficients of one selector's classifiers, given which pattern each votes: [M]."""
         counts = jnp.zeros(2**rows).at[codes].add(1.0)
         problem = apg.Problem(patterns, counts, labels, weights, config.lam)
@@ -55,7 +58,7 @@ def _l1(votes: jax.Array, config: Config) -> jax.Array:
     return first_maximum(jax.vmap(jax.vmap(score))(codes))
 
 
-def first_maximum(scores: jax.Array) -> jax.Array:
+def first_maximum(scores: Float[Array, "*selectors M"]) -> Int32[Array, "*selectors"]:
     """Index of the first maximum along the last axis, up to a relative tolerance: [...] int32.
 
     The order decides which of several equal classifiers is taken, and the tracker lives on it: the
@@ -66,7 +69,7 @@ def first_maximum(scores: jax.Array) -> jax.Array:
     return jnp.argmax(scores >= best - TIE_TOLERANCE * jnp.abs(best), axis=-1).astype(jnp.int32)
 
 
-def _most_likely_bag(votes: jax.Array) -> jax.Array:
+def _most_likely_bag(votes: Float[Array, "N M R"]) -> Int32[Array, " N"]:
     """Greedy choice by the likelihood of the bags (Babenko et al., CVPR 2009, Algorithm 2): [N].
 
     votes: [N, M, R] of one part. The rows of the tracked box are one positive bag, every other row
@@ -74,7 +77,9 @@ def _most_likely_bag(votes: jax.Array) -> jax.Array:
     """
     weights = jnp.asarray(WEIGHTS)
 
-    def choose(strong: jax.Array, candidates: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def choose(
+        strong: Float[Array, " R"], candidates: Float[Array, "M R"]
+    ) -> tuple[Float[Array, " R"], Int32[Array, ""]]:
         log_miss = -weights * jax.nn.softplus(strong + candidates)  # log prod (1 - p), [M, R]
         positive = jnp.log(-jnp.expm1(log_miss[:, 0]))
         likelihood = positive + log_miss[:, 1:].sum(-1)

@@ -1,12 +1,12 @@
 """The strong part classifiers, weighted sums of the selected weak ones (Algorithm 2, lines 6-8)."""
 
-import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax.types import Strong
 
 
-def combine(selected: jax.Array, error: jax.Array) -> Strong:
+def combine(selected: Int32[Array, "K N"], error: Float[Array, "K N M"]) -> Strong:
     """Weigh the selected classifiers by alpha = max(0, ln((1 - e) / e)).
 
     selected: [K, N] int32 in [0, M). error: [K, N, M] in (0, 1), of all classifiers.

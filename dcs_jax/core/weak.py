@@ -1,7 +1,7 @@
 """Weak classifiers: a grey-level model of each class per feature (the paper's section 3.2)."""
 
-import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from dcs_jax.config import WeakRule
 from dcs_jax.core.samples import LABELS, WEIGHTS
@@ -31,7 +31,7 @@ def init_weak(pool: Pool, rule: WeakRule) -> Weak:
     )
 
 
-def update_weak(weak: Weak, responses: jax.Array) -> tuple[Weak, jax.Array]:
+def update_weak(weak: Weak, responses: Float[Array, "F R"]) -> tuple[Weak, Float[Array, "F R"]]:
     """Learn one frame's rows, then classify them and count (Algorithm 2, lines 1-3).
 
     The means are Kalman-filtered row by row. The gain does not depend on the data: it is one scalar
@@ -62,7 +62,11 @@ def update_weak(weak: Weak, responses: jax.Array) -> tuple[Weak, jax.Array]:
     return weak, votes
 
 
-def vote(responses: jax.Array, mean: jax.Array, sigma: jax.Array | None) -> jax.Array:
+def vote(
+    responses: Float[Array, "*shape"],
+    mean: Float[Array, "*classifiers 2"],
+    sigma: Float[Array, "*classifiers 2"] | None,
+) -> Float[Array, "*shape"]:
     """The classifiers' decisions on responses [...]: -1 (background) or 1 (object), ties 1.
 
     mean, sigma: [..., 2]. Without sigma: on which side of the midpoint between the class means the
@@ -78,6 +82,6 @@ def vote(responses: jax.Array, mean: jax.Array, sigma: jax.Array | None) -> jax.
     return jnp.where(evidence >= 0, 1.0, -1.0).astype(jnp.float32)
 
 
-def error(weak: Weak) -> jax.Array:
+def error(weak: Weak) -> Float[Array, " F"]:
     """Fraction of all rows so far that each classifier got wrong: [F] in (0, 1)."""
     return weak.wrong / (weak.wrong + weak.correct)

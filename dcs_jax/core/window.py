@@ -6,8 +6,10 @@ program serves targets of every size.
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config, Grid
+from dcs_jax.types import Frame
 
 # ITU-R BT.601 luma in units of 1/16384. In integers a constant added to every channel adds exactly
 # that constant to the grey value.
@@ -16,7 +18,7 @@ _LUMA = (4899, 9617, 1868)
 _ROUNDING = 1e-3
 
 
-def to_grey(frame: jax.Array) -> jax.Array:
+def to_grey(frame: Frame) -> Int32[Array, "H W"]:
     """Grey values in 0..255 of a uint8 frame [H, W] or [H, W, 3] (RGB): [H, W] int32."""
     frame = frame.astype(jnp.int32)
     if frame.ndim == 2:
@@ -25,7 +27,9 @@ def to_grey(frame: jax.Array) -> jax.Array:
     return (red * frame[..., 0] + green * frame[..., 1] + blue * frame[..., 2] + 8192) >> 14
 
 
-def window_integral(frame: jax.Array, box: jax.Array, grid: Grid) -> jax.Array:
+def window_integral(
+    frame: Frame, box: Float[Array, "4"], grid: Grid
+) -> Float[Array, "lines_y lines_x"]:
     """Integral image of the window around a box, in cells, by exact area resampling.
 
     The integral at fractional grid lines is two matrix products, `A_y @ frame @ A_x^T`; outside the
@@ -50,8 +54,8 @@ def window_integral(frame: jax.Array, box: jax.Array, grid: Grid) -> jax.Array:
 
 
 def reach(
-    box: jax.Array, frame_shape: tuple[int, ...], config: Config
-) -> tuple[jax.Array, jax.Array]:
+    box: Float[Array, "4"], frame_shape: tuple[int, ...], config: Config
+) -> tuple[Int32[Array, "2"], Int32[Array, "2"]]:
     """How far the box may move: least and greatest displacement, [2] down and right, int32 cells.
 
     To the ends of the window, but no further out of the frame than the overhang: what lies there
@@ -73,8 +77,8 @@ def reach(
 
 
 def _line_weights(
-    start: jax.Array, cell: jax.Array, margin: int, cells: int, pixels: int
-) -> jax.Array:
+    start: Float[Array, ""], cell: Float[Array, ""], margin: int, cells: int, pixels: int
+) -> Float[Array, "lines pixels"]:
     """What each pixel of an axis adds to the integral up to each grid line: [cells + 1, pixels].
 
     start: where the box begins, pixels; cell: size of a cell, pixels. The first and the last pixel

@@ -35,9 +35,7 @@ def success_rate(boxes: ArrayLike, truth: ArrayLike, threshold: float = 0.5) -> 
     return float(np.mean(overlaps[~np.isnan(overlaps)] > threshold))
 
 
-def _paired(
-    boxes: ArrayLike, truth: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _paired(boxes: ArrayLike, truth: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Both as float64 [T, 4]; ValueError where their shapes differ or no frame is labelled."""
     boxes, truth = np.asarray(boxes, np.float64), np.asarray(truth, np.float64)
     if boxes.shape != truth.shape or boxes.ndim != 2 or boxes.shape[1] != 4:

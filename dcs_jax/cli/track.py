@@ -1,0 +1,188 @@
+"""`dcs-jax track`: follow an object through a video file or a folder of images."""
+
+from contextlib import ExitStack
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.text import Text
+
+from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
+from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
+from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
+from dcs_jax.io.overlay import VideoWriter, draw_track
+
+
+class Preset(StrEnum):
+    """The settings to choose from."""
+
+    default = "default"
+    paper = "paper"
+
+
+def track(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE", help="A video file or a folder of images.", show_default=False
+        ),
+    ],
+    box: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,W,H",
+            help="The object in the first frame, pixels. May be left out where a "
+            f"{ANNOTATION_NAME} lies beside the images.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Table of the boxes, one row a frame.")] = Path(
+        "boxes.csv"
+    ),
+    overlay: Annotated[
+        Path | None,
+        typer.Option(help="Also write a video (mp4, avi) with the boxes.", show_default=False),
+    ] = None,
+    preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = Preset.default,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")
+    ] = 0,
+    start: Annotated[int, typer.Option(help="First frame, counted from 0.")] = 0,
+    end: Annotated[
+        int | None, typer.Option(help="Frame to stop before.", show_default="all frames")
+    ] = None,
+) -> None:
+    """Follow an object through a video file or a folder of images.
+
+    Where a groundtruth_rect.txt lies beside the images, --box may be left out: tracking starts at
+    the first labelled frame, and the command ends with centre error and success rate.
+    """
+    given = None if box is None else parse_box(box)
+    frames = open_source(source, start, end)
+    for path in (out, overlay):
+        if path is not None and path.resolve() == source.resolve():
+            raise ValueError(f"{path} is the source: it would be overwritten")
+    truth = _read_truth(source, frames)
+    if given is None:
+        if truth is None:
+            raise ValueError(
+                f"--box is missing, and there is no {ANNOTATION_NAME} beside images of {source}"
+            )
+        first = _first_labelled(truth, start, end)
+        frames, given = open_source(source, first, end), truth[first]
+    boxes = _track_to_files(frames, given, truth, out, overlay, preset, seed)
+    typer.echo(f"{len(boxes)} frames tracked, boxes in {out}")
+    if overlay is not None:
+        typer.echo(f"overlay video in {overlay}")
+    if truth is not None:
+        _report_accuracy(boxes, truth[frames.start : frames.start + len(boxes)])
+
+
+def parse_box(text: str) -> NDArray[np.float64]:
+    """The box [4] in a text X,Y,W,H; ValueError if it is not four numbers."""
+    try:
+        box = np.array([float(field) for field in text.split(",")])
+    except ValueError:
+        box = np.empty(0)
+    if len(box) != 4:
+        raise ValueError(f"--box is {text!r}: expected four numbers X,Y,W,H")
+    return box
+
+
+def _read_truth(source: Path, frames: FrameSource) -> NDArray[np.float64] | None:
+    """The annotation [T, 4] of all frames of the source, None if it has none."""
+    annotation = find_annotation(source)
+    if annotation is None:
+        return None
+    truth = read_boxes(annotation)
+    if len(truth) != frames.total:
+        raise ValueError(
+            f"{annotation} has {len(truth)} lines, but there are {frames.total} images: "
+            "expected one line an image"
+        )
+    return truth
+
+
+def _first_labelled(truth: NDArray[np.float64], start: int, end: int | None) -> int:
+    """Index of the first frame from start to end that has a label."""
+    labelled = np.flatnonzero(~np.isnan(truth[start:end]).any(axis=1))
+    if not labelled.size:
+        raise ValueError(f"--box is missing, and no frame from {start} on is labelled")
+    return start + int(labelled[0])
+
+
+def _track_to_files(
+    frames: FrameSource,
+    box: NDArray[np.float64],
+    truth: NDArray[np.float64] | None,
+    out: Path,
+    overlay: Path | None,
+    preset: Preset,
+    seed: int,
+) -> NDArray[np.float32]:
+    """Track all frames, writing every chunk as it is done: boxes [n, 4]."""
+    # JAX takes a second to import, which the help and the checks above do without.
+    import dcs_jax
+    from dcs_jax.checks import check_box
+    from dcs_jax.cli.chunked import track_chunks
+
+    keep_compiled_programs()
+    check_box(box, frames.shape[:2])
+    config = dcs_jax.Config() if preset is Preset.default else dcs_jax.Config.paper()
+    boxes: list[NDArray[np.float32]] = []
+    with ExitStack() as files:
+        video = overlay and files.enter_context(VideoWriter(overlay, frames.shape, frames.fps))
+        table = files.enter_context(BoxWriter(out, frames.start))
+        progress = files.enter_context(_progress())
+        task = progress.add_task("tracking", total=frames.length)
+        try:
+            for chunk in track_chunks(frames, box, config, seed):
+                table.write(chunk.boxes, chunk.confidence)
+                if video:
+                    first = frames.start + sum(map(len, boxes))
+                    for t, (frame, found, confidence, _) in enumerate(
+                        zip(*chunk, strict=True), first
+                    ):
+                        label = None if truth is None else truth[t]
+                        video.write(draw_track(frame, found, confidence, label))
+                boxes.append(chunk.boxes)
+                progress.advance(task, len(chunk.boxes))
+        except BrokenSource as error:
+            raise BrokenSource(f"{error}; what was tracked is in {out}", error.frame) from error
+    return np.concatenate(boxes)
+
+
+def _report_accuracy(boxes: NDArray[np.float32], truth: NDArray[np.float64]) -> None:
+    labelled = int((~np.isnan(truth).any(axis=1)).sum())
+    if labelled:
+        error, success = mean_centre_error(boxes, truth), success_rate(boxes, truth)
+        typer.echo(
+            f"centre error {error:.1f} px, success rate {success:.2f} ({labelled} labelled frames)"
+        )
+
+
+class _Rate(ProgressColumn):
+    """Frames per second."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.speed:.0f} frames/s" if task.speed else "compiling", style="cyan")
+
+
+def _progress() -> Progress:
+    """A bar on stderr, shown on a terminal only."""
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        _Rate(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )

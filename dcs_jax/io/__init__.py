@@ -1,0 +1,1 @@
+"""Frames in, boxes and pictures out. Nothing here knows of the tracker."""

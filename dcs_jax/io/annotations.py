@@ -1,0 +1,93 @@
+"""Boxes in and out: OTB annotations and the table of results.
+
+An annotation is a text file `groundtruth_rect.txt` with one box a frame: x, y, w, h in pixels,
+separated by commas, tabs or blanks, NaN where the frame is unlabelled.
+"""
+
+import re
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+ANNOTATION_NAME = "groundtruth_rect.txt"
+
+
+def read_boxes(path: str | Path) -> NDArray[np.float64]:
+    """Read an annotation: boxes [T, 4], x, y, w, h in pixels; all four NaN for no label.
+
+    Raises:
+        ValueError: no lines, or a line that is neither a box of positive size nor has a NaN; the
+            message names the line.
+    """
+    lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
+    if not lines:
+        raise ValueError(f"{path} is empty: expected one box x,y,w,h a line")
+    return np.array([_parse(line, f"{path}, line {n}") for n, line in enumerate(lines, 1)])
+
+
+def _parse(line: str, place: str) -> list[float]:
+    fields = re.split(r"\s*,\s*|\s+", line.strip())
+    try:
+        box = [float(field) for field in fields]
+    except ValueError:
+        box = []
+    if len(box) != 4:
+        raise ValueError(f"{place} is {line.strip()!r}: expected four numbers x,y,w,h")
+    if np.isnan(box).any():
+        return [np.nan] * 4
+    if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
+        raise ValueError(
+            f"{place} is {line.strip()!r}: expected finite numbers with w and h positive, "
+            "or NaN for an unlabelled frame"
+        )
+    return box
+
+
+def find_annotation(source: str | Path) -> Path | None:
+    """The `groundtruth_rect.txt` of a folder of images, None if there is none.
+
+    It lies beside the images or, where their folder is called `img`, beside that folder.
+    """
+    folder = Path(source)
+    if not folder.is_dir():
+        return None
+    places = [folder, folder.resolve().parent] if folder.resolve().name == "img" else [folder]
+    candidates = (place / ANNOTATION_NAME for place in [*places, folder / "img"])
+    return next((path for path in candidates if path.is_file()), None)
+
+
+class BoxWriter:
+    """Writes results as a table with the columns frame, x, y, w, h, confidence: one row a frame.
+
+    A context manager. Every call of `write` reaches the disk, so that nothing tracked is lost.
+    Numbers are as short as gives the same float32 when read again.
+    """
+
+    def __init__(self, path: str | Path, start: int = 0) -> None:
+        """Open the file; `start` is the index of the first frame that will be written."""
+        self._file = Path(path).open("w", encoding="utf-8", newline="")  # noqa: SIM115
+        self._frame = start
+        self._file.write("frame,x,y,w,h,confidence\n")
+        self._file.flush()
+
+    def write(self, boxes: ArrayLike, confidence: ArrayLike) -> None:
+        """Append the boxes [n, 4] and confidences [n] of the next n frames."""
+        columns = np.column_stack([boxes, confidence]).astype(np.float32)
+        for row in columns:
+            self._file.write(",".join([str(self._frame), *map(str, row)]) + "\n")
+            self._frame += 1
+        self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()

@@ -1,0 +1,79 @@
+"""From the map of evidence to the new box."""
+
+import numpy as np
+from scipy import ndimage
+
+from .records import Floats, Grid, Integers
+from .samples import reachable
+
+PLATEAU = 1e-3  # scores this close to the highest belong to the peak
+
+
+def squared_distances(box: Floats, grid: Grid) -> Floats:
+    """Squared distance d^2 of every place from the middle, [Cy, Cx], pixels squared."""
+    _, _, width, height = box
+    distances = np.zeros(grid.positions)
+    for i in range(grid.positions[0]):
+        for j in range(grid.positions[1]):
+            down = (i - grid.margin_rows) * height / grid.rows
+            across = (j - grid.margin_columns) * width / grid.columns
+            distances[i, j] = down**2 + across**2
+    return distances
+
+
+def score_map(
+    evidence: Floats,
+    box: Floats,
+    frame_shape: tuple[int, int],
+    grid: Grid,
+    prior: float,
+    slack: float = 0.0,
+) -> Floats:
+    """Scores [Cy, Cx]: evidence - prior * d^2 / (w h), minus infinity where the object cannot be.
+
+    box: [4], the last one. frame_shape: H, W. prior, slack: see `Settings`.
+    """
+    _, _, width, height = box
+    scores = evidence - prior * squared_distances(box, grid) / (width * height)
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, slack)
+    for i in range(grid.positions[0]):
+        for j in range(grid.positions[1]):
+            y, x = i - grid.margin_rows, j - grid.margin_columns
+            if not (low_y <= y <= high_y and low_x <= x <= high_x):
+                scores[i, j] = -np.inf
+    return scores
+
+
+def peak(scores: Floats, distances: Floats) -> Floats:
+    """Displacement [2] (down, across) of the peak from the middle, cells.
+
+    Of the places within 1e-3 of the highest score take the one nearest to the middle, and with it
+    all those connected to it, also diagonally: the centroid of this plateau.
+
+    scores: [Cy, Cx], from `score_map`. distances: [Cy, Cx], from `squared_distances`.
+    """
+    high = scores >= scores.max() - PLATEAU
+    nearest = np.unravel_index(np.argmin(np.where(high, distances, np.inf)), high.shape)
+    plateaus, _ = ndimage.label(high, structure=np.ones((3, 3)))
+    members = np.argwhere(plateaus == plateaus[nearest])
+    middle = (np.array(scores.shape) - 1) / 2
+    return members.mean(axis=0) - middle
+
+
+def move(box: Floats, displacement: Floats, frame_shape: tuple[int, int], grid: Grid) -> Floats:
+    """The box [4] moved by so many cells (down, across), its centre clipped into the frame."""
+    x, y, width, height = box
+    centre_x = x + displacement[1] * width / grid.columns + width / 2
+    centre_y = y + displacement[0] * height / grid.rows + height / 2
+    centre_x = min(max(centre_x, 0), frame_shape[1])
+    centre_y = min(max(centre_y, 0), frame_shape[0])
+    return np.array([centre_x - width / 2, centre_y - height / 2, width, height])
+
+
+def nearest_place(displacement: Floats, grid: Grid) -> Integers:
+    """Row and column [2] in the map of the place nearest to a displacement, halves to even.
+
+    Rounded is the displacement from the middle, not the position in the map.
+    """
+    middle = np.array([grid.margin_rows, grid.margin_columns])
+    return np.rint(displacement).astype(np.int64) + middle

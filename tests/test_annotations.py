@@ -1,0 +1,85 @@
+"""Annotations in, results out."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dcs_jax.io.annotations import BoxWriter, find_annotation, read_boxes
+
+coordinates = st.floats(-1e4, 1e4, width=32)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", " ", ", ", "  ", " ,"])
+def test_separators(tmp_path, separator):
+    path = tmp_path / "boxes.txt"
+    path.write_text("".join(separator.join(row) + "\n" for row in (["1", "2.5", "3", "4"],) * 2))
+    np.testing.assert_array_equal(read_boxes(path), [[1, 2.5, 3, 4]] * 2)
+
+
+def test_unlabelled_frames_are_nan(tmp_path):
+    path = tmp_path / "boxes.txt"
+    path.write_text("1,2,3,4\r\nNaN,NaN,NaN,NaN\r\n5,6,7,8\r\n\r\n")
+    boxes = read_boxes(path)
+    assert boxes.dtype == np.float64
+    np.testing.assert_array_equal(boxes, [[1, 2, 3, 4], [np.nan] * 4, [5, 6, 7, 8]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("1,2,3,4\n1,2,3\n", "line 2 is '1,2,3': expected four numbers"),
+        ("1,2,3,4\n1,2,3,4,5\n", "line 2"),
+        ("x,y,w,h\n1,2,3,4\n", "line 1 is 'x,y,w,h'"),
+        ("1,2,3,4\n\n1,2,3,4\n", "line 2 is ''"),
+        ("1,2,0,4\n", "w and h positive"),
+        ("1,inf,3,4\n", "finite"),
+    ],
+)
+def test_bad_annotations(tmp_path, text, message):
+    path = tmp_path / "boxes.txt"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_boxes(path)
+
+
+def test_annotation_beside_the_images(tmp_path):
+    images = tmp_path / "david" / "img"
+    images.mkdir(parents=True)
+    assert find_annotation(images) is None
+    truth = tmp_path / "david" / "groundtruth_rect.txt"
+    truth.write_text("1,2,3,4\n")
+    assert find_annotation(images) == truth
+    assert find_annotation(tmp_path / "david") == truth
+    own = images / "groundtruth_rect.txt"
+    own.write_text("1,2,3,4\n")
+    assert find_annotation(images) == own
+
+
+def test_annotation_of_another_folder_is_not_taken(tmp_path):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "groundtruth_rect.txt").write_text("1,2,3,4\n")
+    assert find_annotation(tmp_path / "frames") is None
+    assert find_annotation(tmp_path / "video.mp4") is None
+
+
+@given(st.lists(st.tuples(*[coordinates] * 5), min_size=1, max_size=6), st.integers(0, 10**6))
+def test_results_are_read_back_exactly(tmp_path_factory, rows, start):
+    path = tmp_path_factory.mktemp("results") / "boxes.csv"
+    table = np.array(rows, np.float32)
+    with BoxWriter(path, start) as writer:
+        writer.write(table[:1, :4], table[:1, 4])
+        writer.write(table[1:, :4], table[1:, 4])
+    assert path.read_text().splitlines()[0] == "frame,x,y,w,h,confidence"
+    found = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    np.testing.assert_array_equal(found[:, 0], start + np.arange(len(rows)))
+    np.testing.assert_array_equal(found[:, 1:].astype(np.float32), table)
+
+
+def test_every_chunk_reaches_the_disk(tmp_path):
+    writer = BoxWriter(tmp_path / "boxes.csv", start=7)
+    with writer:
+        writer.write([[1, 2, 3, 4]], [0.5])
+        text = (tmp_path / "boxes.csv").read_text()
+    assert text == "frame,x,y,w,h,confidence\n7,1.0,2.0,3.0,4.0,0.5\n"

@@ -1,0 +1,125 @@
+"""Boxes on frames, videos of them, and the film strip."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dcs_jax.io.film_strip import Span, film_strip, write_image
+from dcs_jax.io.frames import open_source
+from dcs_jax.io.overlay import TRACKED, TRUTH, VideoWriter, draw_box, draw_track
+from dcs_jax.synthetic import render
+
+
+def is_colour(image, colour, tolerance=40):
+    return (np.abs(image.astype(int) - colour) < tolerance).all(axis=-1)
+
+
+@pytest.fixture(scope="module")
+def clip():
+    return render(24, (96, 128), (32, 24))
+
+
+@pytest.mark.parametrize("size", [(240, 320), (2160, 3840)])
+def test_box_lies_where_it_is_stated(size):
+    frame = np.full((*size, 3), 90, np.uint8)
+    unit = size[0] // 240
+    x, y, w, h = box = np.array([100, 60, 80, 120]) * unit
+    draw_box(frame, box, TRACKED)
+    rows, columns = np.nonzero(is_colour(frame, TRACKED))
+    extent = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
+    np.testing.assert_allclose(extent, (x, y, x + w, y + h), atol=1 + 4 * unit)
+    assert (frame[y + h // 2, x + w // 2] == 90).all()
+
+
+@pytest.mark.parametrize("box", [(-20, -20, 60, 60), (300, 200, 60, 60), (-1e6, -1e6, 3e6, 3e6)])
+def test_box_and_label_across_the_edge(box):
+    frame = np.full((240, 320, 3), 90, np.uint8)
+    draw_box(frame, box, TRACKED, "0.93")
+    assert is_colour(frame, TRACKED).sum() > 200  # the label is inside, wherever the box is
+
+
+def test_unlabelled_box_is_left_out():
+    frame = np.full((240, 320, 3), 90, np.uint8)
+    draw_box(frame, [np.nan] * 4, TRUTH)
+    assert (frame == 90).all()
+
+
+def test_draw_track_leaves_the_frame_alone(clip):
+    before = clip.frames[0].copy()
+    drawn = draw_track(clip.frames[0], clip.boxes[0] + 6, 0.5, clip.boxes[0])
+    np.testing.assert_array_equal(clip.frames[0], before)
+    assert is_colour(drawn, TRACKED).any()
+    assert is_colour(drawn, TRUTH).any()
+
+
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])
+def test_video_can_be_read_again(tmp_path, clip, name):
+    with VideoWriter(tmp_path / name, clip.frames[0].shape, fps=25) as writer:
+        for frame in clip.frames:
+            writer.write(frame)
+    source = open_source(tmp_path / name)
+    assert (source.shape, source.length, source.fps) == ((96, 128, 3), 24, 25)
+    for found, written in zip(source, clip.frames, strict=True):
+        assert np.abs(found.astype(int) - written).mean() < 12
+
+
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])
+def test_video_of_odd_size_loses_its_last_row_and_column(tmp_path, clip, name):
+    frame = clip.frames[0, :95, :127]
+    with VideoWriter(tmp_path / name, frame.shape) as writer:
+        writer.write(frame)
+    (found,) = open_source(tmp_path / name)
+    assert found.shape == (94, 126, 3)
+    assert np.abs(found.astype(int) - frame[:94, :126]).mean() < 12
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("clip.gif", r"must end in one of \.mp4"), ("no/clip.mp4", "cannot be written as a mp4v")],
+)
+def test_video_that_cannot_be_written(tmp_path, name, message):
+    with pytest.raises(ValueError, match=message):
+        VideoWriter(tmp_path / name, (96, 128, 3))
+
+
+@pytest.mark.parametrize("with_truth", [True, False])
+def test_film_strip_shows_frames_and_curves(tmp_path, clip, with_truth):
+    spans = [Span("occlusion", 5, 12)]
+    strip = film_strip(
+        clip.frames,
+        clip.boxes + 3,
+        np.linspace(1, 0.2, 24),
+        part_scores=np.full((24, 5), 0.5),
+        truth=clip.boxes if with_truth else None,
+        spans=spans,
+        title="Title",
+    )
+    assert strip.shape[1:] == (1200, 3)
+    assert strip.dtype == np.uint8
+    assert is_colour(strip, TRACKED).sum() > 2000
+    assert is_colour(strip, TRUTH, 20).any()
+    write_image(tmp_path / "strip.png", strip)
+    found = cv2.imread(str(tmp_path / "strip.png"), cv2.IMREAD_COLOR_RGB)
+    np.testing.assert_array_equal(found, strip)
+
+
+def test_film_strip_shades_spans_and_skips_missing_labels(clip):
+    truth = clip.boxes.copy()
+    truth[1::2] = np.nan
+    arguments = (clip.frames, clip.boxes, np.ones(24))
+    plain = film_strip(*arguments, truth=truth)
+    shaded = film_strip(*arguments, truth=truth, spans=[Span("cloud", 6, 18)])
+    assert plain.shape == shaded.shape
+    columns = np.nonzero((plain != shaded).any(axis=(0, 2)))[0]
+    assert columns.size
+
+
+@pytest.mark.parametrize("length", [1, 3])
+def test_film_strip_of_few_frames(clip, length):
+    strip = film_strip(clip.frames[:length], clip.boxes[:length], np.ones(length))
+    assert is_colour(strip, TRACKED).any()
+
+
+def test_image_that_cannot_be_written(tmp_path):
+    with pytest.raises(ValueError, match="cannot be written as an image"):
+        write_image(tmp_path / "no" / "strip.png", np.zeros((4, 4, 3), np.uint8))

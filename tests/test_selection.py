@@ -1,0 +1,66 @@
+"""The four selectors against the reference."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dcs_jax.config import Config
+from dcs_jax.core.selection import first_maximum, select
+
+PARTS, SELECTORS, POOL_SIZE = 2, 6, 30
+ROWS = [0, 0, 0, 0, 1, 2, 3, 4]  # the L = 8 training rows in the R = 5 patches
+
+
+def random_votes(seed: int, reliability: float) -> tuple[np.ndarray, np.ndarray]:
+    """Votes [K, N, M, R] that are right with this probability, and errors [K, N, M]."""
+    generator = np.random.default_rng(seed)
+    shape = (PARTS, SELECTORS, POOL_SIZE)
+    right = generator.random((*shape, 5)) < reliability
+    votes = np.where(right, 1.0, -1.0) * [1, -1, -1, -1, -1]
+    return votes, generator.uniform(0.05, 0.95, shape)
+
+
+@pytest.mark.parametrize("selector", ["l1", "error", "mil", "first"])
+@given(seed=st.integers(0, 2**31), reliability=st.sampled_from([0.5, 0.7, 0.9]))
+def test_selected_columns_are_those_of_the_reference(selector, seed, reliability):
+    votes, errors = random_votes(seed, reliability)
+    phi = np.swapaxes(votes[..., ROWS], -1, -2)
+    expected = {
+        "l1": lambda: reference.select_l1(phi, reference.LABELS, 0.01, 30),
+        "error": lambda: reference.select_error(errors),
+        "mil": lambda: reference.select_mil(phi, reference.LABELS),
+        "first": lambda: reference.select_first(phi, reference.LABELS),
+    }[selector]()
+    config = Config(
+        parts=1, selectors=SELECTORS, pool_size=POOL_SIZE, selector=selector, iterations=30
+    )
+    selected = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
+    np.testing.assert_array_equal(selected, expected)
+
+
+def test_a_lambda_that_leaves_no_classifier_selects_the_best_correlated():
+    votes, errors = random_votes(0, 0.7)
+    votes, errors = jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32)
+    none = select(votes, errors, Config(lam=100.0))
+    np.testing.assert_array_equal(none, select(votes, errors, Config(selector="first")))
+
+
+def test_lambda_can_be_swept_in_one_call():
+    votes, errors = random_votes(0, 0.7)
+    votes, errors = jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32)
+    lams = jnp.array([0.01, 100.0])
+    swept = jax.vmap(lambda lam: select(votes, errors, Config(lam=lam)))(lams)
+    for row, lam in zip(swept, lams, strict=True):
+        np.testing.assert_array_equal(row, select(votes, errors, Config(lam=lam)))
+
+
+@pytest.mark.parametrize(
+    ("scores", "expected"),
+    [([1.0, 2.0, 2.0], 1), ([1.999, 2.0], 0), ([1.99, 2.0], 1), ([-2.0, -1.0], 1), ([0.0, 0.0], 0)],
+)
+def test_first_maximum_takes_the_first_up_to_rounding(scores, expected):
+    assert first_maximum(jnp.array(scores)) == expected

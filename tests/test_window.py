@@ -1,0 +1,87 @@
+"""The window's integral image, and how far the box may move, against the reference."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dcs_jax.config import Config
+from dcs_jax.core.window import reach, to_grey, window_integral
+
+CONFIG = Config(canvas=(10, 12), window_factor=1.8)
+HEIGHT, WIDTH = 37, 45
+boxes = st.tuples(
+    st.floats(-30, 60, width=32),
+    st.floats(-30, 50, width=32),
+    st.floats(4, 80, width=32),
+    st.floats(4, 80, width=32),
+)
+
+
+def random_frame(seed: int, *channels: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, *channels), np.uint8)
+
+
+@jax.jit
+def integral_of(frame, box):
+    return window_integral(frame, box, CONFIG.grid)
+
+
+@jax.jit
+def reach_of(box, config):
+    return reach(box, (HEIGHT, WIDTH), config)
+
+
+@given(box=boxes, seed=st.integers(0, 2**31))
+def test_integral_is_exact_area_resampling(box, seed):
+    frame, box = random_frame(seed), np.float32(box)
+    cells = reference.cell_means(frame, box, CONFIG.grid)
+    integral = np.asarray(integral_of(frame, box), np.float64)
+    means = np.diff(np.diff(integral, axis=0), axis=1)
+    # Grey values are relative to one pixel, the same for all cells.
+    np.testing.assert_allclose(means - means[0, 0], cells - cells[0, 0], atol=0.02)
+    assert not integral[0].any()
+    assert not integral[:, 0].any()
+
+
+@given(seed=st.integers(0, 2**31), top=st.integers(0, 20), left=st.integers(0, 20))
+def test_integral_is_exact_on_the_pixel_grid(seed, top, left):
+    frame = random_frame(seed)
+    box = jnp.array([left, top, 12, 10], jnp.float32)
+    margin = CONFIG.grid.margin_rows, CONFIG.grid.margin_columns
+    pixels = np.pad(frame.astype(int), 40, mode="edge")[40 + top - margin[0] :]
+    pixels = pixels[: CONFIG.grid.window[0], 40 + left - margin[1] :][:, : CONFIG.grid.window[1]]
+    means = np.diff(np.diff(np.asarray(integral_of(frame, box)), axis=0), axis=1)
+    np.testing.assert_array_equal(means - means[0, 0], pixels - pixels[0, 0])
+
+
+@given(box=boxes, seed=st.integers(0, 2**31), constant=st.integers(1, 100))
+def test_a_constant_added_to_all_grey_values_changes_no_bit(box, seed, constant):
+    frame = random_frame(seed) // 2
+    box = np.float32(box)
+    np.testing.assert_array_equal(
+        integral_of(frame, box), integral_of(frame + np.uint8(constant), box)
+    )
+
+
+@given(box=boxes, slack=st.sampled_from([0.0, 0.25]))
+def test_reach_is_that_of_the_reference(box, slack):
+    box = np.float32(box)
+    config = Config(canvas=(10, 12), window_factor=1.8, overhang=slack)
+    low, high = reach_of(box, config)
+    expected = reference.reachable(box, (HEIGHT, WIDTH), config.grid, slack)
+    assert [(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)] == list(expected)
+
+
+def test_grey_values_are_those_of_the_reference():
+    frame = random_frame(0, 3)
+    np.testing.assert_array_equal(to_grey(jnp.asarray(frame)), reference.grey(frame))
+
+
+@pytest.mark.parametrize("value", [0, 1, 127, 255])
+def test_equal_channels_are_their_own_grey_value(value):
+    frame = jnp.full((2, 2, 3), value, jnp.uint8)
+    assert (to_grey(frame) == value).all()
