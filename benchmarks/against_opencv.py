@@ -47,13 +47,9 @@ def main() -> None:
             seconds[name].append(time.perf_counter() - begin)
 
     cores = len(os.sched_getaffinity(0))
-    print(
-        f"{len(frames)} frames {frames.shape[2]}x{frames.shape[1]}, box {truth[0][2:]}, {cores} cores,"
-    )
-    print(f"median of {arguments.rounds} rounds (least to most)\n")
-    print(
-        "| tracker | frames per second | times cv2.TrackerMIL | centre error, px | success rate |"
-    )
+    size = f"{frames.shape[2]}x{frames.shape[1]}, box of {truth[0][2]:g}x{truth[0][3]:g}"
+    print(f"{len(frames)} frames of {size}, {cores} cores; median (range) of {arguments.rounds}\n")
+    print("| tracker | frames/s | times cv2.TrackerMIL | centre error, px | success rate |")
     print("|---|---|---|---|---|")
     base = seconds["cv2.TrackerMIL"]
     for name, times in seconds.items():

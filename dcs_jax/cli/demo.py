@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+import dcs_jax
+from dcs_jax.cli.chunked import track_chunks
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap, success_rate
 from dcs_jax.io.annotations import BoxWriter
@@ -27,9 +29,6 @@ def demo(
 
     Needs no data and no network.
     """
-    import dcs_jax
-    from dcs_jax.cli.chunked import track_chunks
-
     keep_compiled_programs()
     out.mkdir(parents=True, exist_ok=True)
     clip = render()

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import cv2
+import jax
 
 CACHE_NAME = "dcs_jax"
 CACHE_FROM_SECONDS = 0.2  # programs that compile faster than this are not worth a file
@@ -18,8 +19,6 @@ def silence_opencv() -> None:
 
 def keep_compiled_programs() -> None:
     """Let JAX keep its compiled programs in the user's cache, so that only the first run waits."""
-    import jax
-
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / CACHE_NAME

@@ -12,6 +12,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
+import dcs_jax
+from dcs_jax.checks import check_box
+from dcs_jax.cli.chunked import track_chunks
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
@@ -127,11 +130,6 @@ def _track_to_files(
     seed: int,
 ) -> NDArray[np.float32]:
     """Track all frames, writing every chunk as it is done: boxes [n, 4]."""
-    # JAX takes a second to import, which the help and the checks above do without.
-    import dcs_jax
-    from dcs_jax.checks import check_box
-    from dcs_jax.cli.chunked import track_chunks
-
     keep_compiled_programs()
     check_box(box, frames.shape[:2])
     config = dcs_jax.Config() if preset is Preset.default else dcs_jax.Config.paper()
