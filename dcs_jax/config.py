@@ -44,7 +44,8 @@ class Config:
         first_updates: updates on the rows of the first frame.
 
     Numbers:
-        block: the largest base block of a feature, in sides of its part, above 0 and at most 1.
+        block: the largest base block of a feature, in sides of its part, above 0 and at most 1 (the
+            paper's code: 1/5, on some sequences 1).
         lam: weight lambda of the l1 penalty (eq. 14), not negative.
         smoothing: standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none.
         overhang: how far the box may move out of the frame, in sides of the object, not negative;
@@ -66,7 +67,7 @@ class Config:
     iterations: int = _static(10)
     first_updates: int = _static(50)
 
-    block: float | jax.Array = 0.2
+    block: float | jax.Array = 1 / 3
     lam: float | jax.Array = 0.01
     smoothing: float | jax.Array = 1.5
     overhang: float | jax.Array = 0.0
@@ -74,7 +75,7 @@ class Config:
 
     @classmethod
     def paper(cls, **changes: Any) -> "Config":
-        """The paper's setting (section 4), with any fields changed by keyword."""
+        """The paper's setting, with any fields changed by keyword."""
         preset: dict[str, Any] = {
             "canvas": "native",
             "window_minimum": 100.0,
@@ -82,6 +83,7 @@ class Config:
             "selectors": 20,
             "pool_size": 200,
             "iterations": 30,
+            "block": 0.2,
             "smoothing": 0.5,
             "prior": 0.0,
         }

@@ -1,4 +1,4 @@
-"""Haar-like features: random pools of them, and their responses (the paper's section 3.2)."""
+"""Haar-like features: random pools of them, and their responses."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""The object's parts, and the training patches of a frame (the paper's sections 3.1 and 3.3)."""
+"""The object's parts, and the training patches of a frame (Algorithm 1, line 4)."""
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +42,7 @@ def training_patches(
 
     The first patch is the tracked box, the others are the corners of the window, as far as they
     are within reach. The patch axis is the minor one: a feature's corner is then one contiguous
-    row (DESIGN.md section 5: patch by patch is 20 times slower).
+    row (patch by patch, the responses take 20 times as long on the CPU).
 
     integral: [G_y + 1, G_x + 1], of the window around the tracked box. box: [4].
     frame_shape: (H, W) or (H, W, 3).

@@ -1,4 +1,4 @@
-"""The strong part classifiers, weighted sums of the selected weak ones (Algorithm 2, lines 6-8)."""
+"""The strong part classifiers, weighted sums of the selected weak ones (Algorithm 2)."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int32

@@ -1,4 +1,4 @@
-"""Weak classifiers: a grey-level model of each class per feature (the paper's section 3.2)."""
+"""Weak classifiers: a grey-level model of each class per feature (Algorithm 2, eq. 16)."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -32,7 +32,7 @@ def init_weak(pool: Pool, rule: WeakRule) -> Weak:
 
 
 def update_weak(weak: Weak, responses: Float[Array, "F R"]) -> tuple[Weak, Float[Array, "F R"]]:
-    """Learn one frame's rows, then classify them and count (Algorithm 2, lines 1-3).
+    """Learn one frame's rows, then classify them and count (Algorithm 2).
 
     The means are Kalman-filtered row by row. The gain does not depend on the data: it is one scalar
     per row for all features, about 1/t and then a floor.
