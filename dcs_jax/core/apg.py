@@ -55,7 +55,7 @@ def solve(problem: Problem, iterations: int) -> Solution:
 
     def iterate(carry: _Carry, _: None) -> tuple[_Carry, None]:
         ahead = carry.ahead
-        residual = (counts * ahead.beta) @ votes + ahead.noise - labels
+        residual = votes.T @ (counts * ahead.beta) + ahead.noise - labels
         beta = ahead.beta - step * (2 * (votes @ (weights * residual)) + lam)
         noise = ahead.noise - 2 * step * residual
         now = Solution(

@@ -12,9 +12,9 @@ from dcs_jax.types import Pool
 CORNERS = 9
 # Features cover at least this many cells (the authors' generator).
 _LEAST_AREA = 9
-# One proposal in four is valid on the smallest part of the default canvas; with 64 of them one
-# feature in 10^8 has to fall back on one that is smaller than _LEAST_AREA.
-_PROPOSALS = 64
+# One proposal in four is valid on the smallest part of the default canvas; with 32 of them one
+# feature in 10^4 has to fall back on one that is smaller than _LEAST_AREA.
+_PROPOSALS = 32
 
 
 def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
