@@ -16,6 +16,7 @@ from pathlib import Path
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,10 +34,12 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     frames, truth = _load(arguments.sequence)
+    on_device = jnp.asarray(frames)
+    bgr = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
     trackers: dict[str, Callable[[], NDArray[np.float32]]] = {
-        "cv2.TrackerMIL": lambda: track_opencv(frames, truth[0]),
-        "dcs_jax, default": lambda: track_jax(frames, truth[0], dcs_jax.Config()),
-        "dcs_jax, paper": lambda: track_jax(frames, truth[0], dcs_jax.Config.paper()),
+        "cv2.TrackerMIL": lambda: track_opencv(bgr, truth[0]),
+        "dcs_jax, default": lambda: track_jax(on_device, truth[0], dcs_jax.Config()),
+        "dcs_jax, paper": lambda: track_jax(on_device, truth[0], dcs_jax.Config.paper()),
     }
     seconds: dict[str, list[float]] = {name: [] for name in trackers}
     boxes = {name: track() for name, track in trackers.items()}  # compiles
@@ -63,15 +66,14 @@ def main() -> None:
 
 
 def track_jax(
-    frames: NDArray[np.uint8], box: NDArray[np.float64], config: dcs_jax.Config
+    frames: jax.Array, box: NDArray[np.float64], config: dcs_jax.Config
 ) -> NDArray[np.float32]:
     """Boxes [T, 4] of one track of dcs_jax, seed 0."""
     return np.asarray(dcs_jax.track_sequence(frames, box, jax.random.key(0), config).boxes)
 
 
-def track_opencv(frames: NDArray[np.uint8], box: NDArray[np.float64]) -> NDArray[np.float32]:
+def track_opencv(bgr: list[NDArray[np.uint8]], box: NDArray[np.float64]) -> NDArray[np.float32]:
     """Boxes [T, 4] of one track of OpenCV's MIL; the last box stays where it fails."""
-    bgr = [frame[..., ::-1].copy() for frame in frames]
     tracker = cv2.TrackerMIL_create()
     tracker.init(bgr[0], tuple(round(float(side)) for side in box))
     boxes = [box]

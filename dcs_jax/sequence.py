@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, UInt8
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_frames, check_key
 from dcs_jax.config import Config
-from dcs_jax.types import BoxLike, ImageLike, State, StepInfo, Track
+from dcs_jax.types import BoxLike, Frame, ImageLike, State, StepInfo, Track
 
 # The products of one step are too small to share among threads: on two cores the threads of XLA's
 # CPU backend take 1.7 times the time of one. Other backends ignore the option.
@@ -45,7 +45,21 @@ def track_sequence(
     if not isinstance(config, Config):
         raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
     box = np.asarray(box, np.float32)
-    return _track(frames, box, key, config.resolve(box))
+    config = config.resolve(box)
+    # Two programs: with `init` in the program of the scan a frame takes twice the time on the CPU.
+    state, first = start_track(frames[0], box, key, config)
+    _, rest = track_chunk(state, frames[1:], config)
+    infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
+    return Track(infos.box, infos.confidence, infos.part_scores)
+
+
+@_compile
+def start_track(
+    frame: Frame, box: Float[Array, "4"], key: jax.Array, config: Config
+) -> tuple[State, StepInfo]:
+    """The state after the first frame, `init`, and that frame's record, `score`, compiled."""
+    state = tracker.init(frame, box, key, config)
+    return state, tracker.score(state, frame, config)
 
 
 @_compile
@@ -56,17 +70,4 @@ def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, St
     over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.
     It is compiled by itself and cannot be called under another jit: scan `step` there.
     """
-    return _scan(state, frames, config)
-
-
-@_compile
-def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
-    state = tracker.init(frames[0], box, key, config)
-    first = tracker.score(state, frames[0], config)
-    _, rest = _scan(state, frames[1:], config)
-    infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
-    return Track(infos.box, infos.confidence, infos.part_scores)
-
-
-def _scan(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
     return jax.lax.scan(lambda state, frame: tracker.step(state, frame, config), state, frames)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import dcs_jax
 from dcs_jax.cli import app
+from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.metrics import mean_centre_error
 from dcs_jax.io.frames import open_source
 from dcs_jax.io.overlay import VideoWriter
@@ -22,16 +23,20 @@ from dcs_jax.synthetic import render
 LENGTH = 70
 
 
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    """A cache of our own in place of the user's; processes share it, so that little compiles."""
+def test_compiled_programs_are_kept_in_the_users_cache(monkeypatch, tmp_path):
     before = jax.config.jax_compilation_cache_dir
-    home = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
-        patch.setenv("XDG_CACHE_HOME", str(home))
-        yield home / "dcs_jax"
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    keep_compiled_programs()
+    kept = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", before)
+    assert kept == str(tmp_path / "dcs_jax")
+
+
+def test_a_cache_that_is_set_is_left_alone():
+    before = jax.config.jax_compilation_cache_dir
+    keep_compiled_programs()
+    assert jax.config.jax_compilation_cache_dir == before
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +85,7 @@ def read(path):
     return np.loadtxt(path, delimiter=",", skiprows=1)
 
 
-def test_track_with_annotation_starts_at_the_first_label(sequence, clip, cache, tmp_path):
+def test_track_with_annotation_starts_at_the_first_label(sequence, clip, tmp_path):
     out, overlay = tmp_path / "boxes.csv", tmp_path / "out.mp4"
     result = run("track", sequence, "--out", out, "--overlay", overlay)
     assert result.exit_code == 0, result.output
@@ -93,7 +98,6 @@ def test_track_with_annotation_starts_at_the_first_label(sequence, clip, cache, 
     assert "(68 labelled frames)" in result.stdout
     assert result.stderr == ""
     assert open_source(overlay).length == LENGTH - 2
-    assert any(cache.iterdir())  # the compiled programs are kept
 
 
 def test_track_gives_the_boxes_of_track_sequence(sequence, clip, tmp_path):

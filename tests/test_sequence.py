@@ -35,23 +35,25 @@ def test_one_frame_is_a_sequence(clip):
 
 
 def test_another_box_key_or_number_compiles_nothing(clip, monkeypatch):
-    traces = 0
-    init = tracker.init
+    traces = {"init": 0, "step": 0}
 
-    def count(*arguments):
-        nonlocal traces
-        traces += 1
-        return init(*arguments)
+    def counted(name, function):
+        def count(*arguments):
+            traces[name] += 1
+            return function(*arguments)
 
-    monkeypatch.setattr(tracker, "init", count)
-    frames = clip.frames[:6]  # a length no other test has: nothing is traced yet
+        return count
+
+    for name in traces:
+        monkeypatch.setattr(tracker, name, counted(name, getattr(tracker, name)))
+    frames = clip.frames[:6, :110]  # a shape no other test has: nothing is traced yet
     dcs_jax.track_sequence(frames, clip.boxes[0], config=SMALL)
-    assert traces == 1
+    assert traces == {"init": 1, "step": 1}
     for box in ((10, 20, 30, 40), [50.5, 20.25, 8, 60]):
         dcs_jax.track_sequence(frames, box, jax.random.key(7), SMALL)
         other = dataclasses.replace(SMALL, lam=0.5, smoothing=0.7, prior=0.1, overhang=0.2)
         dcs_jax.track_sequence(frames, box, jax.random.key(8), other)
-    assert traces == 1
+    assert traces == {"init": 1, "step": 1}
 
 
 def test_the_same_key_gives_the_same_boxes_bit_for_bit(clip):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 import dcs_jax
 from dcs_jax.io.frames import Frame, chunks
+from dcs_jax.sequence import start_track
 
 CHUNK_FRAMES = 32
 CHUNK_BYTES = 2**28  # fewer frames a chunk where they are very large
@@ -45,7 +46,7 @@ def track_chunks(
     rest = iter(frames)
     first = next(rest)
     config = config.resolve(box)
-    state, info = _start(first, box.astype(np.float32), jax.random.key(seed), config)
+    state, info = start_track(first, box.astype(np.float32), jax.random.key(seed), config)
     yield _to_numpy(first[None], jax.tree.map(lambda leaf: leaf[None], info))
 
     size = max(1, min(CHUNK_FRAMES, CHUNK_BYTES // first.nbytes))
@@ -55,15 +56,6 @@ def track_chunks(
         padding = np.repeat(chunk[-1:], size - len(chunk), axis=0)
         state, infos = dcs_jax.track_chunk(state, np.concatenate([chunk, padding]), config)
         yield _to_numpy(chunk, infos)
-
-
-@jax.jit
-def _start(
-    frame: jax.Array, box: jax.Array, key: jax.Array, config: dcs_jax.Config
-) -> tuple[dcs_jax.State, dcs_jax.StepInfo]:
-    """The state after the first frame, and that frame's record."""
-    state = dcs_jax.init(frame, box, key, config)
-    return state, dcs_jax.score(state, frame, config)
 
 
 def _to_numpy(frames: NDArray[np.uint8], infos: dcs_jax.StepInfo) -> Chunk:
