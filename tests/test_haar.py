@@ -52,9 +52,9 @@ def test_every_feature_lies_in_its_part_and_is_large_enough(pool):
             assert left <= box.left
             assert box.left + box.width <= left + width
         assert sum(box.height * box.width for box in boxes) >= 9
-        # Base blocks are at most a fifth of the part.
-        assert min(box.height for box in boxes) <= height / 5
-        assert min(box.width for box in boxes) <= width / 5
+        # No base block is larger than this share of the part.
+        assert min(box.height for box in boxes) <= height * CONFIG.block
+        assert min(box.width for box in boxes) <= width * CONFIG.block
         assert len(boxes) == pool.boxes[feature]
 
 

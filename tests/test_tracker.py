@@ -217,7 +217,7 @@ def test_boxes_at_the_edge_and_of_any_size_are_tracked(clip, box, preset):
 
 
 def test_the_rendered_target_is_followed_through_an_occlusion():
-    clip = render(80)
+    clip = render()
     track = dcs_jax.track_sequence(clip.frames, clip.boxes[0])
     assert clip.occluded.max() > 0.5
     assert overlap(track.boxes, clip.boxes).min() > 0.6
