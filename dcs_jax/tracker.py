@@ -15,7 +15,7 @@ from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import window_integral
+from dcs_jax.core.window import ColumnSums, column_sums, window_integral
 from dcs_jax.types import BoxLike, Frame, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
@@ -32,7 +32,7 @@ def init(frame: ImageLike, box: BoxLike, key: jax.Array, config: Config) -> Stat
     check_box(box, frame.shape)
     box = jnp.asarray(box, jnp.float32)
     pool = draw_pool(key, config)
-    values = _training_responses(frame, box, pool, config)
+    values = _training_responses(column_sums(frame), box, pool, config)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
@@ -48,12 +48,13 @@ def step(state: State, frame: ImageLike, config: Config) -> tuple[State, StepInf
     config: as given to `init`; its numbers may change from frame to frame.
     """
     frame = _checked(frame)
+    sums = column_sums(frame)
     # Lines 1-3: where in the window around its last place is the object most likely?
-    confidence = _look(state, frame, config)
+    confidence = _look(state, sums, config)
     displacement = find_peak(confidence.evidence, state.box, frame.shape, config)
     box = _move(state.box, displacement, frame.shape, config.grid)
     # Line 4: the patches there and around are the new training rows (Algorithm 2).
-    values = _training_responses(frame, box, state.pool, config)
+    values = _training_responses(sums, box, state.pool, config)
     weak, strong = _learn(values, state.weak, config)
     return State(box, state.pool, weak, strong), _info(box, confidence, displacement, config.grid)
 
@@ -63,8 +64,7 @@ def score(state: State, frame: ImageLike, config: Config) -> StepInfo:
 
     After `init` this is the first row of a track, whose box is given and not searched for.
     """
-    frame = _checked(frame)
-    confidence = _look(state, frame, config)
+    confidence = _look(state, column_sums(_checked(frame)), config)
     return _info(state.box, confidence, jnp.zeros(2, jnp.float32), config.grid)
 
 
@@ -73,8 +73,8 @@ def _checked(frame: ImageLike) -> Frame:
     return jnp.asarray(frame)
 
 
-def _look(state: State, frame: Frame, config: Config) -> ConfidenceMap:
-    window = window_integral(frame, state.box, config.grid)
+def _look(state: State, sums: ColumnSums, config: Config) -> ConfidenceMap:
+    window = window_integral(sums, state.box, config.grid)
     return confidence_map(window, state.pool, state.weak, state.strong, config)
 
 
@@ -93,22 +93,22 @@ def _move(
 
 
 def _training_responses(
-    frame: Frame, box: Float[Array, "4"], pool: Pool, config: Config
-) -> Float[Array, "F R"]:
-    """Responses of all features on the R training patches of a frame: [F, R]."""
-    window = window_integral(frame, box, config.grid)
-    return responses(training_patches(window, box, frame.shape, config), pool)
+    sums: ColumnSums, box: Float[Array, "4"], pool: Pool, config: Config
+) -> Float[Array, "R F"]:
+    """Responses of all features on the R training patches of a frame: [R, F]."""
+    window = window_integral(sums, box, config.grid)
+    return responses(training_patches(window, box, sums.grey.shape, config), pool)
 
 
-def _learn(values: Float[Array, "F R"], weak: Weak, config: Config) -> tuple[Weak, Strong]:
+def _learn(values: Float[Array, "R F"], weak: Weak, config: Config) -> tuple[Weak, Strong]:
     """Algorithm 2: update all weak classifiers, select among them, add up the selected.
 
-    values: [F, R], the features' responses on this frame's training patches.
+    values: [R, F], the features' responses on this frame's training patches.
     """
     weak, votes = update_weak(weak, values)
-    shape = (config.parts, config.selectors, config.pool_size)
+    shape = (config.pool_size, config.parts, config.selectors)
     errors = error(weak).reshape(shape)
-    selected = select(votes.reshape(*shape, -1), errors, config)
+    selected = select(votes.reshape(-1, *shape), errors, config)
     return weak, combine(selected, errors)
 
 

@@ -5,7 +5,8 @@ Dimensions, used in every docstring and shape comment of the library:
     T  frames                              H, W  rows and columns of a frame, pixels
     K  parts of the object                 N  selectors per part
     M  weak classifiers in a selector's pool, all different features
-    F  = K * N * M, all features of a track, ordered part by part, selector by selector
+    F  = M * K * N, all features of a track, in this order: what is done for each selector at
+       once then runs along contiguous memory
     R  distinct training patches of a frame (5); they stand for L = 8 rows, one of them four times
     G  cells per side of a window          C  candidate positions per axis
 """
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int32, UInt8
+from jaxtyping import Array, Float, Int8, Int32, Integer, UInt8
 
 Frame = UInt8[Array, "H W *channels"]
 # What users may pass; shapes and values are checked with errors of our own.
@@ -26,30 +27,35 @@ BoxLike = jax.Array | np.ndarray | Sequence[float]
 class Pool(NamedTuple):
     """Haar-like features, each the weighted sum of at most 9 corners of an integral image.
 
-    corners: [F, 9] int32, flat index of the corner in a patch's integral image, whose rows
-        are one longer than the object's canvas is wide. Unused corners repeat the first.
-    weights: [F, 9] float32, weight of each corner in grey values per cell; 0 where unused.
+    The largest arrays of a state, in the smallest types: reading them takes a good part of a step.
+
+    corners: [9, F] uint16 (int32 where a patch has more cells), flat index of the corner in a
+        patch's integral image, whose rows are one longer than the object's canvas is wide. Unused
+        corners repeat the first.
+    coefficients: [9, F] int8, what each corner counts; 0 where unused.
+    scale: [F] float32, what the sum is multiplied with: one over the cells of the base block.
     boxes: [F] int32, number of boxes the feature compares (2, 3 or 4).
     """
 
-    corners: Int32[Array, "F 9"]
-    weights: Float[Array, "F 9"]
+    corners: Integer[Array, "9 F"]
+    coefficients: Int8[Array, "9 F"]
+    scale: Float[Array, " F"]
     boxes: Int32[Array, " F"]
 
 
 class Weak(NamedTuple):
     """The weak classifiers: one Kalman-filtered grey-level model per feature and class.
 
-    mean: [F, 2] float32, mean response on the background (column 0) and on the object (column 1).
-    sigma: [F, 2] float32, its standard deviation, or None with `weak="midpoint"`.
+    mean: [2, F] float32, mean response on the background (row 0) and on the object (row 1).
+    sigma: [2, F] float32, its standard deviation, or None with `weak="midpoint"`.
     variance: [] float32, variance P of the estimated means: it does not depend on the data, so
         all features of both classes share it.
     correct, wrong: [F] float32, number of training rows classified right and wrong so far,
         each counted from 1 (lambda_c and lambda_w of online boosting).
     """
 
-    mean: Float[Array, "F 2"]
-    sigma: Float[Array, "F 2"] | None
+    mean: Float[Array, "2 F"]
+    sigma: Float[Array, "2 F"] | None
     variance: Float[Array, ""]
     correct: Float[Array, " F"]
     wrong: Float[Array, " F"]

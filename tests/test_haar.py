@@ -14,7 +14,7 @@ from dcs_jax.core.samples import part_rectangles
 
 CONFIG = Config(canvas=(48, 56), selectors=8, pool_size=5)
 GRID = CONFIG.grid
-PARTS, PER_PART = 9, 40
+PARTS, SELECTORS, FEATURES = 9, 8, 360
 
 
 draw = jax.jit(draw_pool)
@@ -22,8 +22,8 @@ draw = jax.jit(draw_pool)
 
 def boxes_of(pool, grid, feature):
     mask = reference.cell_weights(
-        np.asarray(pool.corners[feature]),
-        np.asarray(pool.weights[feature]),
+        np.asarray(pool.corners[:, feature]),
+        np.asarray(pool.coefficients[:, feature]) * float(pool.scale[feature]),
         (grid.rows, grid.columns),
     )
     return mask, reference.boxes_of(mask)
@@ -43,9 +43,9 @@ def test_parts_are_those_of_the_reference(parts, side):
 
 
 def test_every_feature_lies_in_its_part_and_is_large_enough(pool):
-    for feature in range(PARTS * PER_PART):
+    for feature in range(FEATURES):
         _, boxes = boxes_of(pool, GRID, feature)
-        top, left, height, width = part_rectangles(GRID, PARTS)[feature // PER_PART]
+        top, left, height, width = part_rectangles(GRID, PARTS)[feature // SELECTORS % PARTS]
         for box in boxes:
             assert top <= box.top
             assert box.top + box.height <= top + height
@@ -61,8 +61,8 @@ def test_every_feature_lies_in_its_part_and_is_large_enough(pool):
 def test_responses_are_differences_of_box_means(pool):
     cells = np.random.default_rng(0).integers(-255, 256, (GRID.rows, GRID.columns)).astype(float)
     table = jnp.asarray(reference.integral(cells), jnp.float32).reshape(-1, 1)
-    values = np.asarray(responses(table, pool))[:, 0]
-    for feature in range(PARTS * PER_PART):
+    values = np.asarray(responses(table, pool))[0]
+    for feature in range(FEATURES):
         _, boxes = boxes_of(pool, GRID, feature)
         expected = sum(
             box.weight
@@ -93,7 +93,7 @@ def test_parts_too_small_for_the_rules_still_get_features(seed, side):
     for feature in range(45):
         mask, boxes = boxes_of(pool, grid, feature)
         assert abs(mask.sum()) < 1e-6
-        top, left, height, width = part_rectangles(grid, 9)[feature // 5]
+        top, left, height, width = part_rectangles(grid, 9)[feature % 9]
         outside = mask.copy()
         outside[top : top + height, left : left + width] = 0
         assert not outside.any()

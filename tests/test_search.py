@@ -7,6 +7,7 @@ import pytest
 import reference
 from hypothesis import given
 from hypothesis import strategies as st
+from layout import in_reference_order, reference_pool
 
 from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
@@ -44,16 +45,19 @@ def test_map_is_that_of_the_reference(rule, smoothing):
     pool, weak, strong, integral = random_classifiers(1, rule)
     config = Config(canvas=(12, 10), parts=5, selectors=4, pool_size=3, smoothing=smoothing)
     found = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, config)
+    corners, weights, _ = reference_pool(pool, config)
+    mean = in_reference_order(weak.mean, config)
+    sigma = None if weak.sigma is None else in_reference_order(weak.sigma, config)
     maps = []
     for k in range(5):
         chosen = (k * 4 + np.arange(4)) * 3 + np.asarray(strong.selected[k])
         maps.append(
             reference.strong_map(
                 integral,
-                np.asarray(pool.corners)[chosen],
-                np.asarray(pool.weights, float)[chosen],
-                np.asarray(weak.mean, float)[chosen],
-                None if weak.sigma is None else np.asarray(weak.sigma, float)[chosen],
+                corners[chosen],
+                weights[chosen],
+                mean[chosen],
+                None if sigma is None else sigma[chosen],
                 np.asarray(strong.alpha[k], float),
                 config.grid,
             )

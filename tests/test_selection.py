@@ -16,11 +16,11 @@ ROWS = [0, 0, 0, 0, 1, 2, 3, 4]  # the L = 8 training rows in the R = 5 patches
 
 
 def random_votes(seed: int, reliability: float) -> tuple[np.ndarray, np.ndarray]:
-    """Votes [K, N, M, R] that are right with this probability, and errors [K, N, M]."""
+    """Votes [R, M, K, N] that are right with this probability, and errors [M, K, N]."""
     generator = np.random.default_rng(seed)
-    shape = (PARTS, SELECTORS, POOL_SIZE)
-    right = generator.random((*shape, 5)) < reliability
-    votes = np.where(right, 1.0, -1.0) * [1, -1, -1, -1, -1]
+    shape = (POOL_SIZE, PARTS, SELECTORS)
+    right = generator.random((5, *shape)) < reliability
+    votes = np.where(right, 1.0, -1.0) * np.array([1, -1, -1, -1, -1]).reshape(5, 1, 1, 1)
     return votes, generator.uniform(0.05, 0.95, shape)
 
 
@@ -28,10 +28,10 @@ def random_votes(seed: int, reliability: float) -> tuple[np.ndarray, np.ndarray]
 @given(seed=st.integers(0, 2**31), reliability=st.sampled_from([0.5, 0.7, 0.9]))
 def test_selected_columns_are_those_of_the_reference(selector, seed, reliability):
     votes, errors = random_votes(seed, reliability)
-    phi = np.swapaxes(votes[..., ROWS], -1, -2)
+    phi = votes[ROWS].transpose(2, 3, 0, 1)  # [K, N, L, M]
     expected = {
         "l1": lambda: reference.select_l1(phi, reference.LABELS, 0.01, 30),
-        "error": lambda: reference.select_error(errors),
+        "error": lambda: reference.select_error(errors.transpose(1, 2, 0)),
         "mil": lambda: reference.select_mil(phi, reference.LABELS),
         "first": lambda: reference.select_first(phi, reference.LABELS),
     }[selector]()

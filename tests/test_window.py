@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcs_jax.config import Config
-from dcs_jax.core.window import reach, to_grey, window_integral
+from dcs_jax.core.window import column_sums, reach, to_grey, window_integral
 
 CONFIG = Config(canvas=(10, 12), window_factor=1.8)
 HEIGHT, WIDTH = 37, 45
@@ -27,7 +27,7 @@ def random_frame(seed: int, *channels: int) -> np.ndarray:
 
 @jax.jit
 def integral_of(frame, box):
-    return window_integral(frame, box, CONFIG.grid)
+    return window_integral(column_sums(frame), box, CONFIG.grid)
 
 
 @jax.jit

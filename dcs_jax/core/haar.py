@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Array, Float, Int32, Shaped
 
 from dcs_jax.config import Config
 from dcs_jax.core.samples import part_rectangles
@@ -12,9 +12,6 @@ from dcs_jax.types import Pool
 CORNERS = 9
 # Features cover at least this many cells (the authors' generator).
 _LEAST_AREA = 9
-# One proposal in four is valid on the smallest part of the default canvas; with 32 of them one
-# feature in 10^4 has to fall back on one that is smaller than _LEAST_AREA.
-_PROPOSALS = 32
 
 
 def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -22,7 +19,7 @@ def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
     In units of the base block. A box's mean is the sum of its four corners over its area, so boxes
     that touch share corners: 6 for two boxes, 8 for 1:2:1 (whose middle box is of double size), 9
-    for the checker.
+    for the checker. All weights are whole numbers over the area of the base block.
     """
     two = [(0, 1, 1.0), (1, 1, -1.0)]  # (start, length, weight) along the split axis
     three = [(0, 1, 1.0), (1, 2, -2.0), (3, 1, 1.0)]
@@ -40,72 +37,109 @@ def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         for slot, ((row, column), weight) in enumerate(corners.items()):
             rows[number, slot], columns[number, slot], weights[number, slot] = row, column, weight
     boxes = np.array([len(vertical) * len(horizontal) for vertical, horizontal in types])
-    return rows.astype(np.int32), columns.astype(np.int32), weights.astype(np.float32), boxes
+    return rows.astype(np.int32), columns.astype(np.int32), weights.astype(np.int8), boxes
 
 
 _ROWS, _COLUMNS, _WEIGHTS, _BOXES = _type_table()
 
 
 def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
-    """Draw the features of all parts: F = K * N * M, part by part, selector by selector.
+    """Draw the features of all parts: F = M * K * N.
 
     The five types are equally likely: two boxes one above or beside the other, three 1:2:1
     likewise, and the 2x2 checker, with weights {1,-1}, {1,-2,1} and {1,-1,-1,1} on the boxes'
-    means. Base block floor(U * block * side) per axis, top-left uniform in the part; a proposal
-    that leaves the part or covers less than 9 cells is rejected. All proposals are drawn at once
-    and the first valid one wins. On a part too small for any valid feature the blocks are at least
-    one cell and the least area is waived.
+    means. Base block floor(U * block * side) per axis, top-left uniform in the part; what leaves
+    the part or covers less than 9 cells is rejected. Drawn without rejection from the distribution
+    that leaves: type and block height, then the block width, then the place among those that fit.
     """
     grid = config.grid
-    features_per_part = config.selectors * config.pool_size
-    rectangles = np.array(part_rectangles(grid, config.parts), np.float32)  # [K, 4]
-    top, left, height, width = np.repeat(rectangles, features_per_part, axis=0).T[:, :, None]
-    shape = (config.parts * features_per_part, _PROPOSALS)
-    key_type, *keys = jax.random.split(key, 5)
-    kind = jax.random.randint(key_type, shape, 0, len(_BOXES))
-    uniform = [jax.random.uniform(key, shape) for key in keys]
-    block_height = jnp.floor(uniform[0] * (config.block * height))
-    block_width = jnp.floor(uniform[1] * (config.block * width))
-    large_enough = block_height * block_width >= 1
-    block_height, block_width = jnp.maximum(block_height, 1.0), jnp.maximum(block_width, 1.0)
-    row, column = jnp.floor(uniform[2] * height), jnp.floor(uniform[3] * width)
+    rectangles = np.array(part_rectangles(grid, config.parts))  # [K, 4]
+    fitting = _fitting(rectangles, config.block)  # [K, 5, heights, widths]
+    types_and_heights = jnp.cumsum(fitting.sum(-1).reshape(config.parts, -1), axis=-1)
+    widths = jnp.cumsum(fitting, axis=-1)
+    key_height, key_width, key_row, key_column = jax.random.split(key, 4)
 
-    rows_spanned = jnp.asarray(_ROWS.max(1), jnp.float32)[kind] * block_height
-    columns_spanned = jnp.asarray(_COLUMNS.max(1), jnp.float32)[kind] * block_width
-    fits = (row + rows_spanned <= height) & (column + columns_spanned <= width)
-    valid = fits & large_enough & (rows_spanned * columns_spanned >= _LEAST_AREA)
-    chosen = jnp.argmax(fits.astype(jnp.int32) + valid.astype(jnp.int32), axis=1)[
-        :, None
-    ]  # the first of the best
-
-    def choose(values: Shaped[Array, "F proposals"]) -> Shaped[Array, "F 1"]:
-        return jnp.take_along_axis(values, chosen, axis=1).astype(jnp.int32)
-
-    kind = choose(kind)[:, 0]
-    # Where not one proposal fits, two single cells one above the other in the corner do.
-    fitting = jnp.take_along_axis(fits, chosen, axis=1)
-    kind = jnp.where(fitting[:, 0], kind, 0)
-    block_height, block_width = (
-        jnp.where(fitting, choose(block), 1) for block in (block_height, block_width)
+    shape = (config.pool_size, config.parts, config.selectors)
+    drawn = jax.vmap(_draw, (0, 1), 1)(types_and_heights, jax.random.uniform(key_height, shape))
+    kind, block_height = jnp.divmod(drawn.reshape(-1), fitting.shape[2])  # [F]
+    part = np.broadcast_to(np.arange(config.parts)[:, None], shape).reshape(-1)
+    block_width = jax.vmap(_draw)(
+        widths[part, kind, block_height], jax.random.uniform(key_width, part.shape)
     )
-    row, column = (jnp.where(fitting, choose(place), 0) for place in (row, column))
-    corner_rows = top.astype(np.int32) + row + jnp.asarray(_ROWS)[kind] * block_height
-    corner_columns = left.astype(np.int32) + column + jnp.asarray(_COLUMNS)[kind] * block_width
+    block_height, block_width = block_height + 1, block_width + 1
+
+    top, left, height, width = rectangles[part].astype(np.int32).T
+
+    def place(key: Shaped[Array, ""], places: Int32[Array, " F"]) -> Int32[Array, " F"]:
+        drawn = jax.random.uniform(key, part.shape) * places.astype(jnp.float32)
+        return jnp.minimum(drawn.astype(jnp.int32), places - 1)  # the product may round up
+
+    row = top + place(key_row, height - jnp.asarray(_ROWS.max(1))[kind] * block_height + 1)
+    column = left + place(key_column, width - jnp.asarray(_COLUMNS.max(1))[kind] * block_width + 1)
+    corner_rows = row + jnp.asarray(_ROWS.T)[:, kind] * block_height
+    corner_columns = column + jnp.asarray(_COLUMNS.T)[:, kind] * block_width
+    cells = (grid.rows + 1) * (grid.columns + 1)
     return Pool(
-        corners=corner_rows * (grid.columns + 1) + corner_columns,
-        weights=jnp.asarray(_WEIGHTS)[kind] / (block_height * block_width).astype(jnp.float32),
+        corners=(corner_rows * (grid.columns + 1) + corner_columns).astype(
+            jnp.uint16 if cells <= 2**16 else jnp.int32
+        ),
+        coefficients=jnp.asarray(_WEIGHTS.T)[:, kind],
+        scale=1 / (block_height * block_width).astype(jnp.float32),
         boxes=jnp.asarray(_BOXES, jnp.int32)[kind],
     )
 
 
-def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "F R"]:
-    """Responses of all features on all patches, in grey values: [F, R] float32.
+def _fitting(
+    rectangles: np.ndarray, block: float | Float[Array, ""]
+) -> Float[Array, "K 5 heights widths"]:
+    """How likely each type with each base block is in each part, but for a factor for each part.
+
+    The probability of the block times the number of places where the feature fits; blocks of 1, 2,
+    ... cells up to the largest part. On a part too small for any feature of the least area, every
+    block of one cell that fits will do.
+    """
+    heights, widths = (np.arange(1, side + 1) for side in rectangles[:, 2:].max(0))
+    height, width = (rectangles[:, side, None, None, None] for side in (2, 3))  # [K, 1, 1, 1]
+    rows = _ROWS.max(1)[:, None, None] * heights[:, None]  # [5, heights, 1]
+    columns = _COLUMNS.max(1)[:, None, None] * widths
+    places = np.maximum(height - rows + 1, 0) * np.maximum(width - columns + 1, 0)
+
+    def drawn(side: np.ndarray, block_side: np.ndarray) -> Float[Array, "K 1 ..."]:
+        # floor(U * s) = b for a share of clip(s - b, 0, 1) out of s.
+        return jnp.clip(block * side.astype(np.float32) - block_side.astype(np.float32), 0, 1)
+
+    fitting = (
+        drawn(height, heights[:, None])
+        * drawn(width, widths)
+        * (places * (rows * columns >= _LEAST_AREA)).astype(np.float32)
+    )
+    single = (places * (heights[:, None] * widths == 1)).astype(np.float32)
+    return jnp.where(fitting.sum((1, 2, 3), keepdims=True) > 0, fitting, single)
+
+
+def _draw(
+    cumulative: Float[Array, " choices"], uniform: Float[Array, "*draws"]
+) -> Int32[Array, "*draws"]:
+    """Indices [...] drawn in proportion to weights, given their cumulative sums, from U(0, 1)."""
+    # A uniform number is below 1, but its product may round up to the total.
+    last = (cumulative < cumulative[-1]).sum()
+    found = jnp.searchsorted(cumulative, uniform * cumulative[-1], side="right")
+    return jnp.minimum(found, last).astype(jnp.int32)
+
+
+def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "R F"]:
+    """Responses of all features on all patches, in grey values: [R, F] float32.
 
     patches: [cells, R], see `training_patches`. One row gather per corner, unrolled: a sum over a
     gathered [F, 9, R] is 20 to 300 times slower on the CPU.
     """
-    total = jnp.zeros((pool.corners.shape[0], patches.shape[1]), patches.dtype)
-    for corner in range(CORNERS):
-        rows = jnp.take(patches, pool.corners[:, corner], axis=0, mode="clip")
-        total += pool.weights[:, corner, None] * rows
-    return total
+    total = jnp.zeros((pool.scale.size, patches.shape[1]), patches.dtype)
+    for corners, coefficients in zip(pool.corners, pool.coefficients, strict=True):
+        rows = patches.at[corners].get(mode="promise_in_bounds")
+        total += coefficients.astype(patches.dtype)[:, None] * rows
+
+    def of_patch(patch: Int32[Array, ""]) -> Float[Array, " F"]:
+        return jax.lax.dynamic_index_in_dim(total, patch, axis=1, keepdims=False) * pool.scale
+
+    # As a loop, the transposition keeps XLA from doing the gathers again wherever a row is used.
+    return jax.lax.map(of_patch, jnp.arange(patches.shape[1]))

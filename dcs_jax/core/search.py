@@ -105,13 +105,16 @@ def _part_votes(
 
     Under vmap the tracks take turns: slices at batched places would become element-wise gathers.
     """
-    first = jnp.arange(0, pool.boxes.size, pool.boxes.size // strong.selected.size)
-    chosen = first.reshape(strong.selected.shape) + strong.selected  # [K, N] in 0..F
-    rows, columns = jnp.divmod(pool.corners[chosen], grid.columns + 1)
-    sigma = None if weak.sigma is None else weak.sigma[chosen]
-    classifiers = _Classifiers(
-        rows, columns, pool.weights[chosen], weak.mean[chosen], sigma, strong.alpha
-    )
+    selectors = jnp.arange(strong.selected.size).reshape(strong.selected.shape)
+    chosen = strong.selected * strong.selected.size + selectors  # [K, N] in 0..F
+
+    def of_chosen(values: Shaped[Array, "fields F"]) -> Shaped[Array, "K N fields"]:
+        return jnp.moveaxis(values[:, chosen], 0, -1)
+
+    rows, columns = jnp.divmod(of_chosen(pool.corners).astype(jnp.int32), grid.columns + 1)
+    weights = of_chosen(pool.coefficients).astype(jnp.float32) * pool.scale[chosen][..., None]
+    sigma = None if weak.sigma is None else of_chosen(weak.sigma)
+    classifiers = _Classifiers(rows, columns, weights, of_chosen(weak.mean), sigma, strong.alpha)
 
     @jax.custom_batching.sequential_vmap
     def all_parts(

@@ -3,90 +3,101 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core import apg
 from dcs_jax.core.samples import LABELS, WEIGHTS
+from dcs_jax.core.weak import agreement_with_labels
 
 # Equal columns get equal coefficients up to rounding: maxima within this fraction are a tie.
 TIE_TOLERANCE = 1e-3
 
 
 def select(
-    votes: Float[Array, "K N M R"], error: Float[Array, "K N M"], config: Config
+    votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
 ) -> Int32[Array, "K N"]:
     """Choose a classifier for each selector: [K, N] int32 in [0, M).
 
-    votes: [K, N, M, R] in {-1, 1}, the classifiers' votes on this frame's rows.
-    error: [K, N, M], the fraction of all rows so far that they got wrong.
+    votes: [R, M, K, N] in {-1, 1}, the classifiers' votes on this frame's rows.
+    error: [M, K, N], the fraction of all rows so far that they got wrong.
     """
-    labels, weights = jnp.asarray(LABELS), jnp.asarray(WEIGHTS)
-    agreement = votes @ (weights * labels)  # [K, N, M]
     match config.selector:
         case "error":
-            scores = -error
+            return first_maximum(-error)
         case "first":
-            scores = agreement
+            return first_maximum(agreement_with_labels(votes))
         case "mil":
-            return jax.vmap(_most_likely_bag)(votes)
+            return jax.vmap(_most_likely_bag, in_axes=2)(votes)
         case "l1":
             return _l1(votes, config)
-    return first_maximum(scores)
 
 
-def _l1(votes: Float[Array, "K N M R"], config: Config) -> Int32[Array, "K N"]:
+def _l1(votes: Float[Array, "R M K N"], config: Config) -> Int32[Array, "K N"]:
     """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N].
 
     R distinct rows leave 2^R columns that differ: each problem is solved for those with their
-    counts (32 columns instead of the paper's 200: five times faster, the same coefficients).
+    counts (32 columns instead of the paper's 200: five times faster, the same coefficients). The
+    problems lie along the minor axis throughout.
     """
-    rows = votes.shape[-1]
-    bits = 1 << np.arange(rows)
-    patterns = jnp.asarray(np.where(np.arange(2**rows)[:, None] & bits, 1.0, -1.0), votes.dtype)
-    codes = jnp.where(votes > 0, jnp.asarray(bits, jnp.int32), 0).sum(-1)  # [K, N, M]
-    labels, weights = jnp.asarray(LABELS), jnp.asarray(WEIGHTS)
+    rows, pool_size, *selectors = votes.shape
+    bits = np.arange(2**rows)[:, None] >> np.arange(rows) & 1
+    patterns = jnp.asarray(np.where(bits, 1.0, -1.0), votes.dtype)  # [2^R, R]
+    codes = sum((row > 0).astype(jnp.int32) << bit for bit, row in enumerate(votes))
+    codes = codes.reshape(pool_size, -1)  # [M, K * N], which pattern each classifier votes
+    problems = codes.shape[1]
+    counts = jnp.zeros((2**rows, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
 
-    def score(counts: Float[Array, " patterns"]) -> Float[Array, " patterns"]:
-        problem = apg.Problem(patterns, counts, labels, weights, config.lam)
-        beta = jnp.where(counts > 0, apg.solve(problem, config.iterations).beta, 0)
-        # Where the penalty leaves no classifier, the best correlated one stands in.
-        return jnp.where(beta.max() > 0, beta, patterns @ (weights * labels))
-
-    count = jax.vmap(lambda codes: jnp.zeros(2**rows, votes.dtype).at[codes].add(1.0))
-    counts = count(codes.reshape(-1, codes.shape[-1]))  # [K * N, 2^R]
-    # With the problems along the minor axis, the solver's products take two thirds of the time.
-    scores = jax.vmap(score, in_axes=1, out_axes=1)(counts.T).T
-    scores = scores.reshape(*codes.shape[:-1], 2**rows)
-    return first_maximum(jnp.take_along_axis(scores, codes, axis=-1))
+    problem = apg.Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
+    beta = jnp.where(counts > 0, apg.solve(problem, config.iterations).beta, 0)  # [2^R, K * N]
+    # Where the penalty leaves no classifier, the best correlated one stands in.
+    scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns.T)[:, None])
+    best = _near_maximum(jnp.where(counts > 0, scores, -jnp.inf))
+    # Whether a classifier votes one of the best patterns is looked up in the bits of one number.
+    bit = jnp.uint32(1) << jnp.arange(2**rows, dtype=jnp.uint32)[:, None]
+    best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
+    chosen = (best >> codes.astype(jnp.uint32)) & 1 == 1
+    return _first(chosen).reshape(selectors)
 
 
-def first_maximum(scores: Float[Array, "*selectors M"]) -> Int32[Array, "*selectors"]:
-    """Index of the first maximum along the last axis, up to a relative tolerance: [...] int32.
+def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
+    """Index of the first maximum along the first axis, up to a relative tolerance: [...] int32.
 
     The order decides which of several equal classifiers is taken, and the tracker lives on it: the
     first index among those without an error on this frame tracks, the least accumulated error
     among them loses the target.
     """
-    best = scores.max(-1, keepdims=True)
-    return jnp.argmax(scores >= best - TIE_TOLERANCE * jnp.abs(best), axis=-1).astype(jnp.int32)
+    return _first(_near_maximum(scores))
 
 
-def _most_likely_bag(votes: Float[Array, "N M R"]) -> Int32[Array, " N"]:
+def _near_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
+    """Which scores are the greatest along the first axis, up to the tolerance: [M, ...]."""
+    best = scores.max(0)
+    return scores >= best - TIE_TOLERANCE * jnp.abs(best)
+
+
+def _first(chosen: Bool[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
+    """Index of the first True along the first axis: [...] int32."""
+    # On the CPU a minimum along contiguous memory is vectorised, an argmax is not.
+    index = jnp.arange(len(chosen), dtype=jnp.int32).reshape(-1, *(1,) * (chosen.ndim - 1))
+    return jnp.where(chosen, index, len(chosen)).min(0)
+
+
+def _most_likely_bag(votes: Float[Array, "R M N"]) -> Int32[Array, " N"]:
     """Greedy choice by the likelihood of the bags (Babenko et al., CVPR 2009, Algorithm 2): [N].
 
-    votes: [N, M, R] of one part. The rows of the tracked box are one positive bag, every other row
+    votes: [R, M, N] of one part. The rows of the tracked box are one positive bag, every other row
     is a negative bag of its own; a row's probability is the logistic function of the summed votes.
     """
-    weights = jnp.asarray(WEIGHTS)
+    weights = jnp.asarray(WEIGHTS)[:, None]
 
     def choose(
-        strong: Float[Array, " R"], candidates: Float[Array, "M R"]
+        strong: Float[Array, " R"], candidates: Float[Array, "R M"]
     ) -> tuple[Float[Array, " R"], Int32[Array, ""]]:
-        log_miss = -weights * jax.nn.softplus(strong + candidates)  # log prod (1 - p), [M, R]
-        positive = jnp.log(-jnp.expm1(log_miss[:, 0]))
-        likelihood = positive + log_miss[:, 1:].sum(-1)
+        log_miss = -weights * jax.nn.softplus(strong[:, None] + candidates)  # log prod (1 - p)
+        likelihood = jnp.log(-jnp.expm1(log_miss[0])) + log_miss[1:].sum(0)
         index = first_maximum(likelihood)
-        return strong + candidates[index], index
+        return strong + candidates[:, index], index
 
-    return jax.lax.scan(choose, jnp.zeros(votes.shape[-1]), votes)[1]
+    one_by_one = jnp.moveaxis(votes, 2, 0)
+    return jax.lax.scan(choose, jnp.zeros(len(votes)), one_by_one)[1]

@@ -1,5 +1,8 @@
 """Weak classifiers: a grey-level model of each class per feature (Algorithm 2, eq. 16)."""
 
+import functools
+import operator
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -23,35 +26,35 @@ def init_weak(pool: Pool, rule: WeakRule) -> Weak:
     sigma = jnp.sqrt(256.0**2 / 12 * pool.boxes.astype(jnp.float32))
     ones = jnp.ones(features, jnp.float32)
     return Weak(
-        mean=jnp.zeros((features, 2), jnp.float32),
-        sigma=jnp.stack([sigma, sigma], axis=1) if rule == "gaussian" else None,
+        mean=jnp.zeros((2, features), jnp.float32),
+        sigma=jnp.stack([sigma, sigma]) if rule == "gaussian" else None,
         variance=jnp.float32(_FIRST_VARIANCE),
         correct=ones,
         wrong=ones,
     )
 
 
-def update_weak(weak: Weak, responses: Float[Array, "F R"]) -> tuple[Weak, Float[Array, "F R"]]:
+def update_weak(weak: Weak, responses: Float[Array, "R F"]) -> tuple[Weak, Float[Array, "R F"]]:
     """Learn one frame's rows, then classify them and count (Algorithm 2).
 
     The means are Kalman-filtered row by row. The gain does not depend on the data: it is one scalar
     per row for all features, about 1/t and then a floor.
 
-    responses: [F, R]. Returns the updated classifiers and their votes [F, R] in {-1, 1}.
+    responses: [R, F]. Returns the updated classifiers and their votes [R, F] in {-1, 1}.
     """
     mean, sigma, variance = weak.mean, weak.sigma, weak.variance
     for row in range(1, len(LABELS)):
         # Rows of both classes in turn: the object's row is the same each time.
-        values = jnp.stack([responses[:, row], responses[:, 0]], axis=1)  # [F, 2]
+        values = jnp.stack([responses[row], responses[0]])  # [2, F]
         gain = jnp.maximum(variance / (variance + _MEASUREMENT_VARIANCE), _LEAST_GAIN)
         mean = mean + gain * (values - mean)
         if sigma is not None:
             square = gain * (values - mean) ** 2 + (1 - gain) * sigma**2
             sigma = jnp.maximum(jnp.sqrt(square), _LEAST_SIGMA)
         variance = variance * _MEASUREMENT_VARIANCE / (variance + _MEASUREMENT_VARIANCE)
-    votes = vote(responses, mean[:, None], None if sigma is None else sigma[:, None])
+    votes = vote(responses, mean, sigma)
     rows = sum(WEIGHTS)
-    agreement = votes @ (jnp.asarray(LABELS) * jnp.asarray(WEIGHTS))  # right minus wrong rows
+    agreement = agreement_with_labels(votes)
     weak = Weak(
         mean=mean,
         sigma=sigma,
@@ -62,23 +65,34 @@ def update_weak(weak: Weak, responses: Float[Array, "F R"]) -> tuple[Weak, Float
     return weak, votes
 
 
+def agreement_with_labels(votes: Float[Array, "R *classifiers"]) -> Float[Array, "*classifiers"]:
+    """On how many training rows each classifier is right, less those where it is wrong: [...]."""
+    # Unrolled: a matrix product of so few rows takes longer.
+    counted = (
+        weight * label * row for weight, label, row in zip(WEIGHTS, LABELS, votes, strict=True)
+    )
+    return functools.reduce(operator.add, counted)
+
+
 def vote(
     responses: Float[Array, "*shape"],
-    mean: Float[Array, "*classifiers 2"],
-    sigma: Float[Array, "*classifiers 2"] | None,
+    mean: Float[Array, "2 *classifiers"],
+    sigma: Float[Array, "2 *classifiers"] | None,
 ) -> Float[Array, "*shape"]:
     """The classifiers' decisions on responses [...]: -1 (background) or 1 (object), ties 1.
 
-    mean, sigma: [..., 2]. Without sigma: on which side of the midpoint between the class means the
+    mean, sigma: [2, ...]. Without sigma: on which side of the midpoint between the class means the
     response lies. With sigma: which class is likelier (eq. 16).
     """
-    background, target = mean[..., 0], mean[..., 1]
+    background, target = mean
     if sigma is None:
         evidence = (responses - (background + target) / 2) * (target - background)
     else:
-        deviation = (responses[..., None] - mean) / sigma
-        log_density = -0.5 * deviation**2 - jnp.log(sigma)
-        evidence = log_density[..., 1] - log_density[..., 0]
+        log_density = [
+            -0.5 * ((responses - center) / width) ** 2 - jnp.log(width)
+            for center, width in zip(mean, sigma, strict=True)
+        ]
+        evidence = log_density[1] - log_density[0]
     return jnp.where(evidence >= 0, 1.0, -1.0).astype(jnp.float32)
 
 

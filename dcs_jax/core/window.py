@@ -4,9 +4,11 @@ The object always covers the same number of cells, whatever its size in pixels, 
 program serves targets of every size.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
 from dcs_jax.types import Frame
@@ -27,30 +29,84 @@ def to_grey(frame: Frame) -> Int32[Array, "H W"]:
     return (red * frame[..., 0] + green * frame[..., 1] + blue * frame[..., 2] + 8192) >> 14
 
 
+class ColumnSums(NamedTuple):
+    """A frame and its sums down the columns, from which the windows around any box are cut.
+
+    grey: [H, W] int32 in 0..255. above: [H, W] int32, the sum of the pixels above each pixel.
+    """
+
+    grey: Int32[Array, "H W"]
+    above: Int32[Array, "H W"]
+
+
+def column_sums(frame: Frame) -> ColumnSums:
+    """Grey values and their sums down the columns, of a uint8 frame [H, W] or [H, W, 3] (RGB)."""
+    grey = to_grey(frame)
+    return ColumnSums(grey, _sums_before(grey))
+
+
 def window_integral(
-    frame: Frame, box: Float[Array, "4"], grid: Grid
+    sums: ColumnSums, box: Float[Array, "4"], grid: Grid
 ) -> Float[Array, "lines_y lines_x"]:
     """Integral image of the window around a box, in cells, by exact area resampling.
 
-    The integral at fractional grid lines is two matrix products, `A_y @ frame @ A_x^T`; outside the
-    frame the nearest pixel is repeated. Grey values are taken relative to the pixel at the box's
-    centre: the features do not see the difference, and the sums stay within float32's exact range.
+    The integral up to a line between two rows of pixels is that of the rows above and a fraction of
+    the row it cuts, and the same along the columns; outside the frame the nearest pixel is
+    repeated. Grey values are taken relative to the pixel at the box's centre, and sums from the
+    window's first pixels on: the features do not see the difference, and float32 is exact for
+    longer.
 
-    frame: [H, W] or [H, W, 3] uint8. box: [4] x, y, w, h in pixels.
+    sums: of the frame, [H, W]. box: [4] x, y, w, h in pixels.
     Returns [G_y + 1, G_x + 1] float32 in grey values times cells, its first row and column zero.
     """
-    grey = to_grey(frame)
-    height, width = grey.shape
+    height, width = sums.grey.shape
     x, y, w, h = box
-    middle = grey[
+    middle = sums.grey[
         jnp.clip(y + h / 2, 0, height - 1).astype(jnp.int32),
         jnp.clip(x + w / 2, 0, width - 1).astype(jnp.int32),
     ]
-    relative = (grey - middle).astype(jnp.float32)
-    rows = _line_weights(y, h / grid.rows, grid.margin_rows, grid.window[0], height)
-    columns = _line_weights(x, w / grid.columns, grid.margin_columns, grid.window[1], width)
-    highest = jax.lax.Precision.HIGHEST
-    return jnp.matmul(jnp.matmul(rows, relative, precision=highest), columns.T, precision=highest)
+    line_y = y + h / grid.rows * (jnp.arange(grid.window[0] + 1.0) - grid.margin_rows)
+    line_x = x + w / grid.columns * (jnp.arange(grid.window[1] + 1.0) - grid.margin_columns)
+    top, left = (_pixel(line[0], size) for line, size in ((line_y, height), (line_x, width)))
+    in_window = jnp.arange(width) >= left
+
+    # Line by line: as one gather, XLA would find out for every element anew where its line is.
+    def down_to(line: Float[Array, ""]) -> Float[Array, " W"]:
+        row = _pixel(line, height)
+        above = sums.above[row] - sums.above[top] - middle * (row - top)
+        fraction = line - row.astype(jnp.float32)
+        cut = fraction * (sums.grey[row] - middle).astype(jnp.float32)
+        return jnp.where(in_window, above.astype(jnp.float32) + cut, 0)
+
+    rows = jax.lax.map(down_to, line_y)  # [G_y + 1, W]
+    columns = (rows - rows[0]).T
+    before = _sums_before(columns)
+
+    def right_to(line: Float[Array, ""]) -> Float[Array, " lines_y"]:
+        column = _pixel(line, width)
+        return before[column] + (line - column.astype(jnp.float32)) * columns[column]
+
+    integral = jax.lax.map(right_to, line_x)  # [G_x + 1, G_y + 1]
+    return (integral - integral[0]).T * (grid.rows * grid.columns / (h * w))
+
+
+def _sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:
+    """Sum of all lines before each along the first axis: [lines, ...].
+
+    On the CPU a loop over contiguous lines takes a ninth of the time of `jnp.cumsum`.
+    """
+
+    def add(
+        total: Shaped[Array, "*line"], line: Shaped[Array, "*line"]
+    ) -> tuple[Shaped[Array, "*line"], Shaped[Array, "*line"]]:
+        return total + line, total
+
+    return jax.lax.scan(add, jnp.zeros_like(values[0]), values)[1]
+
+
+def _pixel(line: Float[Array, ""], pixels: int) -> Int32[Array, ""]:
+    """The pixel that a grid line cuts, or the one next to it outside the frame."""
+    return jnp.clip(jnp.floor(line), 0, pixels - 1).astype(jnp.int32)
 
 
 def reach(
@@ -74,20 +130,3 @@ def reach(
     high = jnp.floor((frame - size - corner) / size * cells + overhang + _ROUNDING)
     low, high = jnp.clip(low, -margin, 0), jnp.clip(high, 0, margin)
     return low.astype(jnp.int32), high.astype(jnp.int32)
-
-
-def _line_weights(
-    start: Float[Array, ""], cell: Float[Array, ""], margin: int, cells: int, pixels: int
-) -> Float[Array, "lines pixels"]:
-    """What each pixel of an axis adds to the integral up to each grid line: [cells + 1, pixels].
-
-    start: where the box begins, pixels; cell: size of a cell, pixels. The first and the last pixel
-    reach out to infinity, which repeats them outside the frame.
-    """
-    lines = start + (jnp.arange(cells + 1, dtype=jnp.float32) - margin) * cell
-    index = jnp.arange(pixels, dtype=jnp.float32)
-    low = jnp.where(index == 0, -jnp.inf, 0.0)
-    high = jnp.where(index == pixels - 1, jnp.inf, 1.0)
-    covered = jnp.clip(lines[:, None] - index, low, high)
-    # Differences of the two ends of one pixel, not of sums, keep this exact far from the origin.
-    return (covered - covered[0]) / cell

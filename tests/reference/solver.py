@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from .records import Floats
 
-BOUND_POWER = 16  # p of the bound (sum of the eigenvalues to the p)^(1/p) on the largest one
+BOUND_POWER = 2  # p of the bound (sum of the eigenvalues to the p)^(1/p) on the largest one
 
 
 def objective(phi: Floats, y: Floats, lam: float, beta: Floats, e: Floats) -> float:
@@ -47,7 +47,7 @@ def fista(phi: Floats, y: Floats, lam: float, iterations: int) -> tuple[Floats, 
     """Accelerated proximal gradient from zero, for a fixed number of iterations.
 
     A gradient step of 1 / (2 (lambda + 1)) from the extrapolated point, where lambda bounds the
-    largest eigenvalue of Phi'Phi by the 16-norm of them all, then
+    largest eigenvalue of Phi'Phi by the 2-norm of them all, then
     beta <- max(beta - step lambda, 0) and e <- soft(e, step lambda); the momentum is
     (t - 1) / t' with t' = (1 + sqrt(1 + 4 t^2)) / 2, from t = 1.
 
