@@ -1,7 +1,5 @@
 """Whole sequences: `step` scanned over the frames of a video, compiled once per shape."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +9,6 @@ from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_frames, check_key
 from dcs_jax.config import Config
 from dcs_jax.types import BoxLike, Frame, ImageLike, State, StepInfo, Track
-
-# The products of one step are too small to share among threads: on two cores the threads of XLA's
-# CPU backend take 1.7 times the time of one.
-_compile = functools.partial(jax.jit, compiler_options={"xla_cpu_multi_thread_eigen": False})
 
 Frames = UInt8[Array, "T H W *channels"]
 
@@ -45,15 +39,18 @@ def track_sequence(
     if not isinstance(config, Config):
         raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
     box = np.asarray(box, np.float32)
-    config = config.resolve(box)
-    # Two programs: on the CPU a frame took about 1.5 times as long with `init` in that of the scan.
+    return _track(frames, box, key, config.resolve(box))
+
+
+@jax.jit
+def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
     state, first = start_track(frames[0], box, key, config)
     _, rest = track_chunk(state, frames[1:], config)
     infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
     return Track(infos.box, infos.confidence, infos.part_scores)
 
 
-@_compile
+@jax.jit
 def start_track(
     frame: Frame, box: Float[Array, "4"], key: jax.Array, config: Config
 ) -> tuple[State, StepInfo]:
@@ -62,12 +59,11 @@ def start_track(
     return state, tracker.score(state, frame, config)
 
 
-@_compile
+@jax.jit
 def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
     """Follow a track through the next frames of its video: `step` in one `lax.scan`.
 
     frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
     over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.
-    It is compiled by itself and cannot be called under another jit: scan `step` there.
     """
     return jax.lax.scan(lambda state, frame: tracker.step(state, frame, config), state, frames)
