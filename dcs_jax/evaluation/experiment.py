@@ -1,6 +1,7 @@
 """The whole of an evaluation: sequences x settings x starts, with what is done already reused."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box
 from dcs_jax.config import Config
-from dcs_jax.evaluation.datasets import Sequence, find_sequences
+from dcs_jax.evaluation.datasets import Entry, Sequence, find_sequences
 from dcs_jax.evaluation.peers import run_peer, select_peers
 from dcs_jax.evaluation.protocol import PROTOCOLS, Protocol, Start, starts
 from dcs_jax.evaluation.provenance import code_version, digest, environment, peer_version
@@ -112,57 +113,85 @@ def evaluate(
     results = Results(out)
     if published is not None:
         results.write_published(read_published(published))
-    watch = watch or Watch()
-
-    broken: list[Broken] = []
-
-    def skip(name: str, error: Exception) -> None:
-        broken.append(Broken(name, " ".join(str(error).split())))
-        watch.broken(broken[-1])
-
-    loaded = []
-    for entry in entries:
-        try:
-            loaded.append(entry.load())
-        except (ValueError, OSError) as error:
-            skip(entry.name, error)
-    jobs = [
-        _job(results, sequence, contestant, start)
-        for sequence in loaded
-        for contestant in contestants
-        for start in starts(protocol, sequence.truth)
-    ]
-    todo = [job for job in jobs if job.missing]
-    work = sum(len(job.missing) * job.length for job in todo)
-    watch.planned(work, len(jobs) - len(todo), sum(job.stale for job in todo), len(jobs))
-
-    ran, interrupted = 0, False
+    work = _Work(results, watch or Watch())
     try:
-        for sequence in loaded:
-            mine = [job for job in todo if job.sequence is sequence]
-            kept = results.keeps_sequence(sequence)
-            if kept and not mine:
-                continue
-            try:
-                frames = _frames(sequence)
-                if not kept:
-                    results.keep_sequence(sequence, frames)
-            except (ValueError, OSError) as error:
-                skip(sequence.name, error)
-                continue
-            for job in mine:
-                watch.working(f"{sequence.name} · {job.contestant.name}")
-                try:
-                    results.write(_run(job, frames, watch.advance))
-                except (ValueError, OSError) as error:
-                    skip(f"{sequence.name}, {job.contestant.name}, {job.start.name}", error)
-                else:
-                    ran += 1
+        work.plan(entries, contestants, protocol)
+        work.do()
+        interrupted = False
     except KeyboardInterrupt:
         interrupted = True
     summary = summarise([results])
     write_summary(summary, results.folder)
-    return Evaluation(results.folder, summary, ran, len(jobs) - len(todo), broken, interrupted)
+    return Evaluation(
+        results.folder, summary, work.ran, work.reused, work.broken, interrupted
+    )
+
+
+class _Work:
+    """What there is to do, and what has become of it."""
+
+    def __init__(self, results: Results, watch: Watch) -> None:
+        self._results, self._watch = results, watch
+        self._jobs: dict[str, list[_Job]] = {}
+        self._sequences: dict[str, Sequence] = {}
+        self.ran = self.reused = 0
+        self.broken: list[Broken] = []
+
+    def plan(
+        self,
+        entries: Iterable[Entry],
+        contestants: Iterable["_Seeded | _Peer"],
+        protocol: Protocol,
+    ) -> None:
+        """Open the sequences and look up what has been done."""
+        for entry in entries:
+            try:
+                sequence = entry.load()
+                data = sequence.fingerprint()
+            except (ValueError, OSError) as error:
+                self._skip(entry.name, error)
+                continue
+            self._sequences[entry.name] = sequence
+            self._jobs[entry.name] = [
+                _job(self._results, sequence, data, contestant, start)
+                for contestant in contestants
+                for start in starts(protocol, sequence.truth)
+            ]
+        jobs = list(itertools.chain.from_iterable(self._jobs.values()))
+        todo = [job for job in jobs if job.missing]
+        self.reused = len(jobs) - len(todo)
+        track_frames = sum(len(job.missing) * job.length for job in todo)
+        self._watch.planned(
+            track_frames, self.reused, sum(job.stale for job in todo), len(jobs)
+        )
+
+    def do(self) -> None:
+        """Run what is missing, sequence by sequence, and store each run as it is done."""
+        for name, sequence in self._sequences.items():
+            todo = [job for job in self._jobs[name] if job.missing]
+            kept = self._results.keeps_sequence(sequence)
+            if kept and not todo:
+                continue
+            try:
+                frames = _frames(sequence)
+                if not kept:
+                    self._results.keep_sequence(sequence, frames)
+            except ValueError as error:
+                self._skip(name, error)
+                continue
+            for job in todo:
+                self._watch.working(f"{name} · {job.contestant.name}")
+                try:
+                    record = _run(job, frames, self._watch.advance)
+                except ValueError as error:
+                    self._skip(f"{name}, {job.contestant.name}, {job.start.name}", error)
+                    continue
+                self._results.write(record)
+                self.ran += 1
+
+    def _skip(self, name: str, error: Exception) -> None:
+        self.broken.append(Broken(name, " ".join(str(error).split())))
+        self._watch.broken(self.broken[-1])
 
 
 class _Seeded:
@@ -222,11 +251,13 @@ class _Job(NamedTuple):
         return len(self.sequence.truth) - self.start.frame
 
 
-def _job(results: Results, sequence: Sequence, contestant: _Seeded | _Peer, start: Start) -> _Job:
+def _job(
+    results: Results, sequence: Sequence, data: str, contestant: _Seeded | _Peer, start: Start
+) -> _Job:
     about = {
         "config": contestant.config(sequence.name),
         "code": contestant.version(),
-        "data": sequence.fingerprint(),
+        "data": data,
     }
     key = digest([about, start.frame, start.box.tolist()])
     found = results.find(sequence.name, contestant.name, start.name)

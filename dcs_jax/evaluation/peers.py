@@ -62,6 +62,8 @@ def run_peer(
 
     frames: [H, W, 3] uint8 RGB each. box: [4], x, y, w, h in pixels, of the first frame, rounded.
     advance: is told 1 after each frame.
+
+    Raises ValueError where OpenCV raises an error of its own, as for a box outside the frame.
     """
     create = _factory(name)
     if create is None:
@@ -72,12 +74,15 @@ def run_peer(
     for frame in frames:
         bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
         begin = perf_counter()
-        if not boxes:
-            tracker.init(bgr, tuple(round(float(side)) for side in box))
-            boxes.append(box)
-        else:
-            found, moved = tracker.update(bgr)
-            boxes.append(moved if found else boxes[-1])
+        try:
+            if not boxes:
+                tracker.init(bgr, tuple(round(float(side)) for side in box))
+                boxes.append(box)
+            else:
+                found, moved = tracker.update(bgr)
+                boxes.append(moved if found else boxes[-1])
+        except cv2.error as error:
+            raise ValueError(f"OpenCV's {name} fails at frame {len(boxes)}: {error}") from error
         seconds += perf_counter() - begin
         advance(1)
     track = np.asarray(boxes, np.float32)[None]

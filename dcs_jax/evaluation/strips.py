@@ -15,7 +15,7 @@ from dcs_jax.io.canvas import Colour
 from dcs_jax.io.overlay import TRUTH, draw_box
 
 COUNT = 6
-THICKNESS = 3  # of a box; pictures are shown smaller than they are
+THICKNESS = 2  # of a box; pictures are shown smaller than they are
 APART = 12  # chosen frames are at least a 12th of the pictures apart
 
 
