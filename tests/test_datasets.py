@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from data_sets import write_images, write_otb, write_rows, write_video
+from sequences import ROOT
 
 from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.evaluation.paper import authors_constants, paper_name
 from dcs_jax.synthetic import render
-
-from data_sets import write_images, write_otb, write_rows, write_video
-from sequences import ROOT
 
 LENGTH = 12
 

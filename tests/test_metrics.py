@@ -59,8 +59,8 @@ def test_curves_by_hand():
 
 def test_normalised_precision_has_each_axis_in_its_own_side():
     truth = np.array([[0, 0, 100, 10]], float)
-    wide, high = truth + [20, 0, 0, 0], truth + [0, 2, 0, 0]
-    for boxes in (wide, high):  # a fifth of the side on its axis
+    for offset in ((20, 0, 0, 0), (0, 2, 0, 0)):  # a fifth of the side on its axis
+        boxes = truth + np.array(offset)
         curve = normalised_precision_curve(boxes, truth)
         np.testing.assert_array_equal(curve, np.linspace(0, 0.5, 51) >= 0.2)
 

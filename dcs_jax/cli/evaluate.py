@@ -1,5 +1,6 @@
 """`dcs-jax evaluate`: settings and peers on labelled sequences, with a report to look at."""
 
+import re
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
@@ -12,7 +13,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import BROKEN_SOURCE
 from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
-from dcs_jax.evaluation.experiment import Broken, Watch
+from dcs_jax.evaluation.experiment import Watch
 from dcs_jax.evaluation.experiment import evaluate as run_evaluation
 from dcs_jax.evaluation.settings import with_changes
 
@@ -84,8 +85,8 @@ def evaluate(
     if page:
         check_report_needs()
     keep_compiled_programs()
-    settings = with_changes(_split(presets), changes or [])
-    with _Bar() as bar:
+    settings = with_changes(_split(presets, _BEFORE_A_NAME), changes or [])
+    with ProgressBar() as bar:
         done = run_evaluation(
             root,
             out,
@@ -110,12 +111,15 @@ def evaluate(
         raise typer.Exit(BROKEN_SOURCE)
 
 
-def _split(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
+_BEFORE_A_NAME = r",(?=\s*[a-z])"  # not the comma of canvas=(40,30)
 
 
-class _Bar(Watch):
-    """A progress bar over all track-frames, on stderr; a line a run where that is no terminal."""
+def _split(text: str, separator: str = ",") -> list[str]:
+    return [part.strip() for part in re.split(separator, text) if part.strip()]
+
+
+class ProgressBar(Watch):
+    """A bar over all track-frames with the time left, on stderr, shown on a terminal only."""
 
     def __init__(self) -> None:
         console = Console(stderr=True)
@@ -132,7 +136,7 @@ class _Bar(Watch):
         self._task = self._progress.add_task("reading", total=None, rate="")
         self._began = 0.0
 
-    def __enter__(self) -> "_Bar":
+    def __enter__(self) -> "ProgressBar":
         self._progress.start()
         return self
 
@@ -159,6 +163,3 @@ class _Bar(Watch):
         tracked = self._progress.tasks[0].completed
         rate = tracked / max(monotonic() - self._began, 1e-9)
         self._progress.update(self._task, rate=f"{rate:.0f} track-frames/s")
-
-    def broken(self, broken: Broken) -> None:
-        """The command lists them at its end."""

@@ -122,9 +122,7 @@ def evaluate(
         interrupted = True
     summary = summarise([results])
     write_summary(summary, results.folder)
-    return Evaluation(
-        results.folder, summary, work.ran, work.reused, work.broken, interrupted
-    )
+    return Evaluation(results.folder, summary, work.ran, work.reused, work.broken, interrupted)
 
 
 class _Work:
@@ -161,9 +159,7 @@ class _Work:
         todo = [job for job in jobs if job.missing]
         self.reused = len(jobs) - len(todo)
         track_frames = sum(len(job.missing) * job.length for job in todo)
-        self._watch.planned(
-            track_frames, self.reused, sum(job.stale for job in todo), len(jobs)
-        )
+        self._watch.planned(track_frames, self.reused, sum(job.stale for job in todo), len(jobs))
 
     def do(self) -> None:
         """Run what is missing, sequence by sequence, and store each run as it is done."""

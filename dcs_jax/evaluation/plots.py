@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from dcs_jax.evaluation.metrics import (
@@ -117,6 +118,11 @@ def seeds_plot(summary: Summary, sequence: str, metric: str) -> str:
     Published means, with their deviation, stand beside the settings that repeat them.
     """
     figure, axes = _figure()
+    _draw_seeds(axes, summary, sequence, metric)
+    return _svg(figure, f"seeds-{metric}-{summary.sequences.index(sequence)}")
+
+
+def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> None:
     settings = [s for s in summary.settings if (sequence, s) in summary.by_sequence]
     rng = np.random.default_rng(0)
     for place, setting in enumerate(settings):
@@ -157,7 +163,33 @@ def seeds_plot(summary: Summary, sequence: str, metric: str) -> str:
     else:
         axes.set_ylim(0, None)
         axes.set_ylabel("centre error, px")
-    return _svg(figure, f"seeds-{metric}-{summary.sequences.index(sequence)}")
+
+
+def overview(summary: Summary) -> bytes:
+    """A PNG for documents, on white: every sequence's seeds, centre error above success rate."""
+    wide = len(summary.sequences)
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(1.9 * wide + 0.4, 4.6), layout="constrained")
+        grid = figure.subplots(2, wide, squeeze=False)
+        for row, metric in enumerate(("centre_error", "success_rate")):
+            for axes, sequence in zip(grid[row], summary.sequences, strict=True):
+                _draw_seeds(axes, summary, sequence, metric)
+                axes.set_xticks([])
+                if row == 0:
+                    axes.set_title(sequence, fontsize=11)
+                if sequence != summary.sequences[0]:
+                    axes.set_ylabel("")
+        handles = [
+            Line2D([], [], color=colour, marker="o", linestyle="", label=setting)
+            for setting, colour in colours(summary.settings).items()
+        ]
+        if any(repeated(summary, *names) for names in summary.by_sequence):
+            label = "published runs, mean ± deviation"
+            handles.append(Line2D([], [], color=INK, marker="D", linestyle="", label=label))
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=110)
+    return buffer.getvalue()
 
 
 def repeated(summary: Summary, sequence: str, setting: str) -> list[Published]:

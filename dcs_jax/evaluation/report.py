@@ -21,6 +21,7 @@ from dcs_jax.evaluation.strips import Picture, film_strip
 from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
 
 SIGNIFICANT = 0.05
+OVERVIEW_SEQUENCES = 12  # more would not fit into one picture
 
 
 class Cell(NamedTuple):
@@ -82,7 +83,7 @@ class Scene(NamedTuple):
 
 
 def write_report(summary: Summary, path: str | Path) -> Path:
-    """Write the page of a summary; returns its path.
+    """Write the page of a summary, and overview.png beside it; returns the page's path.
 
     Raises ValueError for a summary without any result.
     """
@@ -118,6 +119,9 @@ def write_report(summary: Summary, path: str | Path) -> Path:
     path = Path(path)
     with atomic(path, text=True) as file:
         file.write(page)
+    if len(summary.sequences) <= OVERVIEW_SEQUENCES:
+        with atomic(path.with_name("overview.png")) as file:
+            file.write(plots.overview(summary))
     return path
 
 

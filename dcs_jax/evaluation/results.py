@@ -15,6 +15,7 @@ import json
 import os
 import re
 import tempfile
+import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -28,6 +29,8 @@ from dcs_jax.evaluation.datasets import Sequence
 PICTURES = 48  # frames kept of a sequence
 PICTURE_WIDTH = 480  # pixels at most
 JPEG_QUALITY = 80
+# What reading a file raises that is damaged, or of another version.
+UNREADABLE = (ValueError, KeyError, TypeError, EOFError, OSError, zipfile.BadZipFile)
 
 
 class Record(NamedTuple):
@@ -248,7 +251,7 @@ def read_published(folder: str | Path) -> list[Published]:
 def _read_record(path: Path) -> Record | None:
     """A record; None where the file is none, as one of another version."""
     try:
-        with np.load(path) as file:
+        with open(path, "rb") as handle, np.load(handle) as file:
             about = json.loads(str(file["about"]))
             return Record(
                 seeds=file["seeds"],
@@ -256,13 +259,13 @@ def _read_record(path: Path) -> Record | None:
                 confidence=file["confidence"],
                 **about,
             )
-    except (ValueError, KeyError, TypeError, OSError, EOFError):
+    except UNREADABLE:
         return None
 
 
 def _read_labels(path: Path) -> Labels | None:
     try:
-        with np.load(path) as file:
+        with open(path, "rb") as handle, np.load(handle) as file:
             about = json.loads(str(file["about"]))
             ends = np.cumsum(file["lengths"])[:-1]
             pictures = [part.tobytes() for part in np.split(file["pictures"], ends)]
@@ -274,7 +277,7 @@ def _read_labels(path: Path) -> Labels | None:
                 tuple(about["size"]),
                 about["data"],
             )
-    except (ValueError, KeyError, TypeError, OSError, EOFError):
+    except UNREADABLE:
         return None
 
 

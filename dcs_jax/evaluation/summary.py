@@ -153,6 +153,11 @@ def summarise(folders: Sequence[Results]) -> Summary:
     )
 
 
+def per_seed(summary: Summary, setting: str) -> dict[int, Scores]:
+    """A setting's mean scores over the common sequences, by seed."""
+    return _per_seed(_table(summary.rows)[setting], summary.common)
+
+
 # The scores by setting, by (sequence, start), by seed.
 Run = tuple[str, str]
 Table = dict[str, dict[Run, dict[int, Scores]]]
