@@ -53,14 +53,14 @@ class Counting(Watch):
     def __init__(self):
         self.total, self.done, self.what = None, 0, []
 
-    def planned(self, track_frames, reused, stale, runs):
-        self.total, self.plan = track_frames, (reused, stale, runs)
+    def planned(self, work, reused, stale, runs):
+        self.total, self.plan = work, (reused, stale, runs)
 
     def working(self, what):
         self.what.append(what)
 
-    def advance(self, track_frames):
-        self.done += track_frames
+    def advance(self, work):
+        self.done += work
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def done(root, published, tmp_path_factory):
     result = evaluate(
         root, out, settings=settings, seeds=3, peers=["MIL"], published=published, watch=watch
     )
-    return result, watch, settings
+    return result, watch
 
 
 def small(**changes):
@@ -80,15 +80,15 @@ def small(**changes):
 
 
 def test_all_is_run_and_counted(done):
-    result, watch, _ = done
+    result, watch = done
     assert (result.ran, result.reused, result.broken, result.interrupted) == (6, 0, [], False)
     assert watch.plan == (0, 0, 6)
-    assert watch.total == watch.done == 2 * 3 * (LENGTH + 30) + LENGTH + 30
+    assert watch.total == watch.done == (2 * 3 + experiment.PEER_WORK) * (LENGTH + 30)
     assert watch.what[0] == "Deer · paper"
 
 
 def test_the_rows_are_the_tracks_of_the_seeds(done, clips):
-    result, _, settings = done
+    result, _ = done
     with open(result.out / "results.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * (3 + 3 + 1)
@@ -108,7 +108,7 @@ def test_the_rows_are_the_tracks_of_the_seeds(done, clips):
 
 
 def test_means_intervals_and_curves(done):
-    result, _, _ = done
+    result, _ = done
     summary = json.loads((result.out / "summary.json").read_text())
     assert set(summary["sequences"]) == {"Deer", "Toy"}
     setting = summary["settings"]["paper"]
@@ -137,7 +137,7 @@ def test_means_intervals_and_curves(done):
 
 
 def test_settings_are_compared_on_the_same_seeds(done):
-    result, _, _ = done
+    result, _ = done
     pairs = {(c.first, c.second, c.sequence): c for c in result.summary.paired}
     found = pairs["paper", "other", "Toy"]
     errors = [
@@ -155,7 +155,7 @@ def test_settings_are_compared_on_the_same_seeds(done):
 
 def test_published_results_go_by_the_papers_names(done):
     """Deer is the paper's animal; "toy" is not Toy's name in the paper, and other tables pass."""
-    result, _, _ = done
+    result, _ = done
     assert [(p.sequence, p.source, p.tracker) for p in result.summary.published] == [
         ("Deer", "authors", "dcs_with_l1"),
         ("Deer", "other", "frag"),
@@ -175,7 +175,7 @@ def test_published_results_go_by_the_papers_names(done):
 
 
 def test_the_summary_can_be_computed_from_the_folder(done, tmp_path):
-    result, _, _ = done
+    result, _ = done
     before = (result.out / "summary.json").read_text(), (result.out / "results.csv").read_text()
     write_summary(summarise([Results(result.out)]), tmp_path)
     assert (
@@ -301,7 +301,7 @@ def test_a_file_that_is_no_result_is_run_anew(root, tmp_path):
 
 
 def test_opencv_mil_tracks(done, clips):
-    result, _, _ = done
+    result, _ = done
     (row,) = (r for r in result.summary.rows if (r.sequence, r.setting) == ("Deer", "OpenCV MIL"))
     assert row.seed == 0
     assert row.scores.success_rate > 0.3

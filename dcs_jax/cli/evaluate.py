@@ -3,7 +3,6 @@
 import re
 from enum import StrEnum
 from pathlib import Path
-from time import monotonic
 from typing import Annotated
 
 import typer
@@ -128,13 +127,11 @@ class ProgressBar(Watch):
             BarColumn(),
             TaskProgressColumn(),
             TimeRemainingColumn(),
-            TextColumn("{task.fields[rate]}"),
             console=console,
             transient=True,
             disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("reading", total=None, rate="")
-        self._began = 0.0
+        self._task = self._progress.add_task("reading", total=None)
 
     def __enter__(self) -> "ProgressBar":
         self._progress.start()
@@ -143,23 +140,19 @@ class ProgressBar(Watch):
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
-    def planned(self, track_frames: int, reused: int, stale: int, runs: int) -> None:
+    def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
         """Say what is reused, and set the bar to what is left."""
         notes = [f"{reused} of {runs} runs reused"] if reused else []
         if stale:
             notes.append(f"{stale} made anew, as setting, code or data have changed")
         if notes:
             typer.echo(", ".join(notes))
-        self._progress.update(self._task, total=track_frames)
-        self._began = monotonic()
+        self._progress.update(self._task, total=work)
 
     def working(self, what: str) -> None:
         """Name what is being run."""
         self._progress.update(self._task, description=what)
 
-    def advance(self, track_frames: int) -> None:
+    def advance(self, work: int) -> None:
         """Move the bar."""
-        self._progress.advance(self._task, track_frames)
-        tracked = self._progress.tasks[0].completed
-        rate = tracked / max(monotonic() - self._began, 1e-9)
-        self._progress.update(self._task, rate=f"{rate:.0f} track-frames/s")
+        self._progress.advance(self._task, work)

@@ -1,6 +1,7 @@
 """The whole of an evaluation: sequences x settings x starts, with what is done already reused."""
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from dcs_jax.evaluation.runner import Runs, run_seeds
 from dcs_jax.evaluation.settings import Setting, parse_setting
 from dcs_jax.evaluation.summary import Summary, summarise, write_summary
 
+PEER_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
 IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every setting
 
 
@@ -50,14 +52,17 @@ class Evaluation(NamedTuple):
 class Watch:
     """Is told how an evaluation goes on; this one does nothing with it."""
 
-    def planned(self, track_frames: int, reused: int, stale: int, runs: int) -> None:
-        """Before the first run: the work left in track-frames, and the counts of runs."""
+    def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
+        """Before the first run: the work left, and how many runs are reused, stale and all.
+
+        work: in track-frames of dcs_jax; one of a peer counts as `PEER_WORK` of them.
+        """
 
     def working(self, what: str) -> None:
         """Before each run: its sequence and setting."""
 
-    def advance(self, track_frames: int) -> None:
-        """After each chunk of frames."""
+    def advance(self, work: int) -> None:
+        """After each chunk of frames: the work that was done."""
 
     def broken(self, broken: Broken) -> None:
         """Where something could not be run."""
@@ -158,8 +163,8 @@ class _Work:
         jobs = list(itertools.chain.from_iterable(self._jobs.values()))
         todo = [job for job in jobs if job.missing]
         self.reused = len(jobs) - len(todo)
-        track_frames = sum(len(job.missing) * job.length for job in todo)
-        self._watch.planned(track_frames, self.reused, sum(job.stale for job in todo), len(jobs))
+        work = sum(len(job.missing) * job.length * job.contestant.work for job in todo)
+        self._watch.planned(work, self.reused, sum(job.stale for job in todo), len(jobs))
 
     def do(self) -> None:
         """Run what is missing, sequence by sequence, and store each run as it is done."""
@@ -193,6 +198,7 @@ class _Work:
 class _Seeded:
     """A setting of dcs_jax, run with every seed."""
 
+    work = 1
     version = staticmethod(code_version)
 
     def __init__(self, setting: Setting, seeds: int) -> None:
@@ -215,6 +221,7 @@ class _Seeded:
 class _Peer:
     """A tracker of OpenCV, run once."""
 
+    work = PEER_WORK
     version = staticmethod(peer_version)
     seeds = range(1)
 
@@ -268,7 +275,8 @@ def _run(job: _Job, frames: Iterable[Any], advance: Callable[[int], None]) -> Re
     """Run the missing seeds of a job and put them together with those that are there."""
     check_box(job.start.box, job.sequence.frames.shape)
     rest = (frame for t, frame in enumerate(frames) if t >= job.start.frame)
-    runs = job.contestant.run(job, rest, advance)
+    weight = job.contestant.work
+    runs = job.contestant.run(job, rest, lambda tracked: advance(tracked * weight))
     seeds = np.array(job.missing, np.int64)
     boxes, confidence, seconds = runs
     if job.done is not None:
@@ -305,5 +313,13 @@ def _frames(sequence: Sequence) -> Iterable[NDArray[np.uint8]]:
 
 def _named(settings: Iterable[str] | Mapping[str, Config]) -> list[Setting]:
     if isinstance(settings, Mapping):
-        return [Setting(name, lambda _, config=config: config) for name, config in settings.items()]  # type: ignore[misc]
+        return [
+            Setting(name, functools.partial(_same, config)) for name, config in settings.items()
+        ]
     return [parse_setting(text) for text in settings]
+
+
+def _same(config: Config, sequence: str) -> Config:
+    """The config of a setting that is the same for every sequence."""
+    del sequence
+    return config

@@ -168,8 +168,9 @@ def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> Non
 def overview(summary: Summary) -> bytes:
     """A PNG for documents, on white: every sequence's seeds, centre error above success rate."""
     wide = len(summary.sequences)
+    inches = max(1.9 * wide + 0.4, 6)
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(1.9 * wide + 0.4, 4.6), layout="constrained")
+        figure = Figure(figsize=(inches, 4.8), layout="constrained")
         grid = figure.subplots(2, wide, squeeze=False)
         for row, metric in enumerate(("centre_error", "success_rate")):
             for axes, sequence in zip(grid[row], summary.sequences, strict=True):
@@ -186,7 +187,9 @@ def overview(summary: Summary) -> bytes:
         if any(repeated(summary, *names) for names in summary.by_sequence):
             label = "published runs, mean ± deviation"
             handles.append(Line2D([], [], color=INK, marker="D", linestyle="", label=label))
-        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=int(inches / 3), frameon=False
+        )
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=110)
     return buffer.getvalue()
