@@ -62,10 +62,11 @@ def write_page(summary: Summary, out: Path) -> Path:
 
 def print_means(summary: Summary) -> None:
     """A table of every setting's means over all sequences."""
-    over = {sequence for sequence, _ in summary.common}
-    table = Table(title=f"mean over {len(over)} sequences and the seeds, with its 95 % interval")
+    over = sorted({sequence for sequence, _ in summary.common}, key=str.lower)
+    what = f"{len(over)} sequences" if len(over) != 1 else over[0]
+    table = Table(title=f"{what}: mean over the seeds, with its 95 % interval")
     table.add_column("setting")
-    for column in ("seeds", "centre error, px", "success rate", "AUC", "P@20", "track-frames/s"):
+    for column in ("seeds", "centre error, px", "success rate", "AUC", "P@20", "frames/s"):
         table.add_column(column, justify="right")
     for setting, numbers in summary.overall.items():
         table.add_row(

@@ -23,7 +23,10 @@ from dcs_jax.evaluation.results import Published
 from dcs_jax.evaluation.summary import REPEATS, Summary
 
 # Readable on white and on near-black; the order puts most contrast between neighbours.
-COLOURS = ("#2f80ed", "#e8710a", "#1a9e6c", "#b152d6", "#d93a5b", "#8a8f00", "#00a0b8", "#a0663c")
+COLOURS = (
+    *("#2f80ed", "#e8710a", "#1a9e6c", "#b152d6", "#d93a5b", "#8a8f00"),
+    *("#00a0b8", "#a0663c", "#6c6fd8", "#64a81e", "#d1459f", "#71808f"),
+)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 INK = "#010203"  # stands for the page's colour of text and becomes `currentColor`
 
@@ -52,6 +55,11 @@ _STYLE: dict[Any, Any] = {
 def colours(settings: Sequence[str]) -> dict[str, str]:
     """The colour of each setting, the same throughout the report."""
     return {setting: COLOURS[n % len(COLOURS)] for n, setting in enumerate(settings)}
+
+
+def dashed(settings: Sequence[str]) -> set[str]:
+    """The settings whose colour another one has already, so that their lines are broken."""
+    return set(settings[len(COLOURS) :])
 
 
 def success_plot(summary: Summary) -> str:

@@ -102,6 +102,7 @@ def write_report(summary: Summary, path: str | Path) -> Path:
         facts=_facts(summary),
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         colours=plots.colours(summary.settings),
+        dashed=plots.dashed(summary.settings),
         metrics=METRICS,
         leaders=_leaders(summary),
         curves=_curves(summary),

@@ -306,8 +306,14 @@ def _notes(records: dict[tuple[str, str, str], Record], common: Sequence[Run]) -
         notes.append(f"results of {len(codes)} versions of the code stand side by side")
     if len({start[:3] for _, start in common}) > 1:
         notes.append("results of several protocols stand side by side: their starts count alike")
-    if records and not common:
+    every, shared = {sequence for sequence, _, _ in records}, {sequence for sequence, _ in common}
+    if every and not shared:
         notes.append("no sequence has been run with every setting: there are no means over all")
+    elif every != shared:
+        notes.append(
+            f"means are over {len(shared)} of {len(every)} sequences, those that were run with "
+            f"every setting: {', '.join(sorted(shared, key=str.lower))}"
+        )
     return notes
 
 
