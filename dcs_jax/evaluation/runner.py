@@ -70,7 +70,8 @@ def run_seeds(
             """
             nonlocal seconds
             arguments = list(zip(*columns, strict=True))
-            compiled = list(threads.map(lambda given: _compiled(function, *given), arguments))
+            # One after the other: shares of the same size have the same program.
+            compiled = [_compiled(function, *given) for given in arguments]
             begin = perf_counter()
             calls = zip(compiled, arguments, strict=True)
             done = threads.map(lambda call: jax.block_until_ready(call[0](*call[1])), calls)
@@ -140,10 +141,17 @@ _programs: dict[Any, Any] = {}
 
 def _compiled(function: Any, *arguments: Any) -> Any:
     """The program for arguments of these shapes, compiled once and not on the clock."""
-    key = (function, jax.tree.structure(arguments), *map(jax.typeof, jax.tree.leaves(arguments)))
+    leaves, structure = jax.tree.flatten(arguments)
+    key = (function, structure, *map(_kind, leaves))
     if key not in _programs:
         _programs[key] = function.lower(*arguments).compile()
     return _programs[key]
+
+
+def _kind(leaf: Any) -> tuple[Any, ...]:
+    """What a program depends on of an argument; a Python number has a type of its own."""
+    dtype = getattr(leaf, "dtype", type(leaf))
+    return np.shape(leaf), dtype, getattr(leaf, "weak_type", False)
 
 
 def _cores() -> int:
