@@ -47,6 +47,18 @@ def test_paired_agrees_with_the_t_test_on_normal_values():
     assert paired(second, first).difference == -found.difference
 
 
+@pytest.mark.parametrize("n", [13, 14])
+def test_the_p_value_is_that_of_scipys_permutation_test(n):
+    """Exact up to 13 differences, drawn for more."""
+    differences = np.random.default_rng(n).normal(0.4, 1, n)
+    test = stats.permutation_test(
+        (differences,), np.mean, permutation_type="samples", n_resamples=np.inf
+    )
+    assert paired(differences, np.zeros(n)).p == pytest.approx(
+        test.pvalue, abs=1e-12 if n == 13 else 0.015
+    )
+
+
 def test_equal_settings_do_not_differ():
     assert paired([0.5, 1, 1], [0.5, 1, 1])[:4] == (0, 0, 0, 1)
 

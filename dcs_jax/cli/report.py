@@ -10,7 +10,8 @@ from rich.table import Table
 
 from dcs_jax.evaluation.results import Results
 from dcs_jax.evaluation.statistics import Spread
-from dcs_jax.evaluation.summary import Summary, summarise, write_summary
+from dcs_jax.evaluation.summary import Summary, summarise
+from dcs_jax.evaluation.tables import write_summary
 
 PAGE = "index.html"
 NEEDS = ("jinja2", "matplotlib")

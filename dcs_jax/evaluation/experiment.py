@@ -20,7 +20,8 @@ from dcs_jax.evaluation.provenance import code_version, digest, environment, pee
 from dcs_jax.evaluation.results import Record, Results, read_published
 from dcs_jax.evaluation.runner import Runs, run_seeds
 from dcs_jax.evaluation.settings import Setting, parse_setting
-from dcs_jax.evaluation.summary import Summary, summarise, write_summary
+from dcs_jax.evaluation.summary import Summary, summarise
+from dcs_jax.evaluation.tables import write_summary
 
 PEER_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
 IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every setting

@@ -4,8 +4,8 @@
     runs/SEQUENCE/SETTING/START-seed00.txt  the same boxes as OTB text, one x,y,w,h a line
     sequences/SEQUENCE.npz                  labels and some small frames for the film strips
     published.csv                           columns of other people's results, if any were given
-    results.csv, summary.json, summary.md   numbers, by `summary`
-    index.html                              the page, by `report`
+    results.csv, summary.json, summary.md   numbers, by `tables`
+    index.html, overview.png                the page and a picture, by `report`
 
 Files are written to a temporary name and renamed, so that none is ever half there.
 """
