@@ -8,6 +8,8 @@ import dcs_jax
 from dcs_jax.cli.demo import demo
 from dcs_jax.cli.environment import silence_opencv
 from dcs_jax.cli.errors import OneLineErrors
+from dcs_jax.cli.evaluate import evaluate
+from dcs_jax.cli.report import report
 from dcs_jax.cli.track import track
 
 app = typer.Typer(
@@ -18,6 +20,8 @@ app = typer.Typer(
 )
 app.command()(track)
 app.command()(demo)
+app.command()(evaluate)
+app.command()(report)
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,11 +1,32 @@
 """How far a track is from the annotation, frame by frame and as one number.
 
 Boxes are x, y, w, h in pixels, (x, y) the top-left corner. A row of the annotation with a NaN is
-unlabelled: the per-frame functions give NaN there and the summaries leave it out.
+unlabelled: the per-frame functions give NaN there and the summaries leave it out. The conventions
+are those of OTB (Wu et al., TPAMI 2015) and of the GOT-10k toolkit:
+
+    centre error        plain (unsquared) distance of the centres in pixels
+    success             overlap strictly above the threshold: a box of half the area fails at 0.5
+    success curve       success rate at the 21 thresholds 0, 0.05, ..., 1; its mean is the AUC
+    precision curve     fraction of frames with a centre error of at most 0, 1, ..., 50 pixels (51
+                        thresholds); P@20 is its value at 20 pixels
+    normalised          the same with the error's x and y in sides of the annotated box, at most
+    precision           0, 0.01, ..., 0.5 (51 thresholds); its mean is the AUC (TrackingNet)
+    losses              hysteresis: a loss begins at an overlap of at most 0.1 and ends at one
+                        above 0.5
+
+The first frame, whose box is given, counts like any other.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+OVERLAP_THRESHOLDS = np.linspace(0, 1, 21)
+PIXEL_THRESHOLDS = np.arange(51)
+SIDE_THRESHOLDS = np.linspace(0, 0.5, 51)
+PRECISION_AT = 20  # pixels, and the index of that threshold
+LOST, HELD = 0.1, 0.5  # overlaps at which a loss begins and ends
 
 
 def centre_error(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -33,6 +54,76 @@ def success_rate(boxes: ArrayLike, truth: ArrayLike, threshold: float = 0.5) -> 
     """Fraction of the labelled frames whose overlap is above the threshold (strictly)."""
     overlaps = overlap(boxes, truth)
     return float(np.mean(overlaps[~np.isnan(overlaps)] > threshold))
+
+
+def success_curve(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Success rate at each of `OVERLAP_THRESHOLDS`: [21]. Its mean is the area under the curve."""
+    overlaps = overlap(boxes, truth)
+    return np.mean(overlaps[~np.isnan(overlaps), None] > OVERLAP_THRESHOLDS, axis=0)
+
+
+def precision_curve(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Fraction of frames with a centre error of at most each of `PIXEL_THRESHOLDS`: [51]."""
+    errors = centre_error(boxes, truth)
+    return np.mean(errors[~np.isnan(errors), None] <= PIXEL_THRESHOLDS, axis=0)
+
+
+def normalised_precision_curve(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Fraction of frames with a centre error of at most each of `SIDE_THRESHOLDS`: [51].
+
+    The error is in sides of the annotated box, its x in widths and its y in heights.
+    """
+    boxes, truth = _paired(boxes, truth)
+    offset = (boxes[:, :2] + boxes[:, 2:] / 2) - (truth[:, :2] + truth[:, 2:] / 2)
+    errors = np.linalg.norm(offset / truth[:, 2:], axis=1)
+    return np.mean(errors[~np.isnan(errors), None] <= SIDE_THRESHOLDS, axis=0)
+
+
+def losses(boxes: ArrayLike, truth: ArrayLike) -> list[int]:
+    """The frames at which the target was lost.
+
+    A loss begins at a labelled frame with an overlap of at most `LOST`; the next one can only
+    begin after a labelled frame with an overlap above `HELD`.
+    """
+    frames, held = [], True
+    for t, value in enumerate(overlap(boxes, truth)):
+        if held and value <= LOST:
+            frames.append(t)
+            held = False
+        elif value > HELD:
+            held = True
+    return frames
+
+
+class Scores(NamedTuple):
+    """One run as numbers.
+
+    centre_error: mean over the labelled frames, pixels.
+    success_rate: in [0, 1], overlap above 0.5.
+    auc: in [0, 1], area under the success curve.
+    precision: in [0, 1], P@20.
+    normalised_precision: in [0, 1], area under its curve.
+    losses: how often the target was lost.
+    """
+
+    centre_error: float
+    success_rate: float
+    auc: float
+    precision: float
+    normalised_precision: float
+    losses: float
+
+
+def scores(boxes: ArrayLike, truth: ArrayLike) -> Scores:
+    """All summaries of the boxes [T, 4] of one run beside its annotation [T, 4]."""
+    return Scores(
+        mean_centre_error(boxes, truth),
+        success_rate(boxes, truth),
+        float(success_curve(boxes, truth).mean()),
+        float(precision_curve(boxes, truth)[PRECISION_AT]),
+        float(normalised_precision_curve(boxes, truth).mean()),
+        float(len(losses(boxes, truth))),
+    )
 
 
 def _paired(boxes: ArrayLike, truth: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

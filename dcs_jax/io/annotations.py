@@ -5,6 +5,7 @@ separated by commas, tabs or blanks, NaN where the frame is unlabelled.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,28 +16,46 @@ from numpy.typing import ArrayLike, NDArray
 ANNOTATION_NAME = "groundtruth_rect.txt"
 
 
-def read_boxes(path: str | Path) -> NDArray[np.float64]:
+def read_boxes(path: str | Path, zeros_unlabelled: bool = False) -> NDArray[np.float64]:
     """Read an annotation: boxes [T, 4], x, y, w, h in pixels; all four NaN for no label.
+
+    zeros_unlabelled: whether a line of zeros, too, stands for no label.
 
     Raises:
         ValueError: no lines, or a line that is neither a box of positive size nor has a NaN; the
             message names the line.
     """
-    lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
+    lines = read_lines(path)
     if not lines:
         raise ValueError(f"{path} is empty: expected one box x,y,w,h a line")
-    return np.array([_parse(line, f"{path}, line {n}") for n, line in enumerate(lines, 1)])
+    return np.array(
+        [_parse(line, f"{path}, line {n}", zeros_unlabelled) for n, line in enumerate(lines, 1)]
+    )
 
 
-def _parse(line: str, place: str) -> list[float]:
-    fields = re.split(r"\s*,\s*|\s+", line.strip())
+def read_lines(path: str | Path) -> list[str]:
+    """The lines of an annotation, without empty ones at its end."""
+    return Path(path).read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
+
+
+def parse_numbers(line: str, place: str, counts: Sequence[int], expected: str) -> list[float]:
+    """The numbers of a line, separated by commas, tabs or blanks.
+
+    Raises ValueError, with `place` and what was `expected`, unless there are as many as one of
+    `counts`.
+    """
     try:
-        box = [float(field) for field in fields]
+        numbers = [float(field) for field in re.split(r"\s*,\s*|\s+", line.strip())]
     except ValueError:
-        box = []
-    if len(box) != 4:
-        raise ValueError(f"{place} is {line.strip()!r}: expected four numbers x,y,w,h")
-    if np.isnan(box).any():
+        numbers = []
+    if len(numbers) not in counts:
+        raise ValueError(f"{place} is {line.strip()!r}: expected {expected}")
+    return numbers
+
+
+def _parse(line: str, place: str, zeros_unlabelled: bool) -> list[float]:
+    box = parse_numbers(line, place, (4,), "four numbers x,y,w,h")
+    if np.isnan(box).any() or (zeros_unlabelled and not any(box)):
         return [np.nan] * 4
     if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
         raise ValueError(

@@ -1,0 +1,158 @@
+"""`dcs-jax evaluate`: settings and peers on labelled sequences, with a report to look at."""
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.cli.errors import BROKEN_SOURCE
+from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
+from dcs_jax.evaluation.experiment import Watch
+from dcs_jax.evaluation.experiment import evaluate as run_evaluation
+from dcs_jax.evaluation.settings import with_changes
+
+INTERRUPTED = 130  # as a shell gives it for a process ended by Ctrl-C
+
+
+class ProtocolName(StrEnum):
+    """The protocols to choose from."""
+
+    ope = "ope"
+    tre = "tre"
+    sre = "sre"
+
+
+def evaluate(
+    root: Annotated[
+        Path,
+        typer.Argument(
+            metavar="ROOT",
+            help="A folder of sequences (OTB, MIL, VOT, GOT-10k, or videos with a CSV each).",
+            show_default=False,
+        ),
+    ],
+    sequences: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Only these sequences.", show_default="all"),
+    ] = None,
+    presets: Annotated[
+        str,
+        typer.Option(metavar="A,B", help="Of default, paper, authors; changes after a blank."),
+    ] = "default",
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Also run every preset with this change; repeatable, commas for several at once.",
+            show_default=False,
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds of every setting, in one batch.")] = 30,
+    peers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Trackers of OpenCV: opencv for all that are installed, or MIL,KCF,CSRT,...",
+            show_default=False,
+        ),
+    ] = None,
+    protocol: Annotated[
+        ProtocolName, typer.Option(help="One pass, 20 starts, or 12 disturbed boxes.")
+    ] = ProtocolName.ope,
+    published: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Tables to stand beside ours.", show_default=False),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")] = Path(
+        "report"
+    ),
+    page: Annotated[
+        bool, typer.Option("--page/--no-page", help=f"Whether to write {PAGE}.")
+    ] = True,
+) -> None:
+    """Run settings on labelled sequences and report how good they are.
+
+    Results are written as they finish: the same command goes on where it was stopped. Ends with 3
+    where a sequence was broken, and with 130 after Ctrl-C.
+    """
+    if page:
+        check_report_needs()
+    keep_compiled_programs()
+    settings = with_changes(_split(presets, _BEFORE_A_NAME), changes or [])
+    with ProgressBar() as bar:
+        done = run_evaluation(
+            root,
+            out,
+            sequences=_split(sequences) if sequences is not None else None,
+            settings=[setting.name for setting in settings],
+            seeds=seeds,
+            peers=_split(peers or ""),
+            protocol=protocol.value,
+            published=published,
+            watch=bar,
+        )
+    if done.summary.rows:
+        print_means(done.summary)
+        if page:
+            typer.echo(write_page(done.summary, out))
+    for broken in done.broken:
+        typer.echo(f"skipped {broken.name}: {broken.reason}", err=True)
+    if done.interrupted:
+        typer.echo("interrupted: the same command goes on from here", err=True)
+        raise typer.Exit(INTERRUPTED)
+    if done.broken:
+        raise typer.Exit(BROKEN_SOURCE)
+
+
+_BEFORE_A_NAME = r",(?=\s*[a-z])"  # not the comma of canvas=(40,30)
+
+
+def _split(text: str, separator: str = ",") -> list[str]:
+    return [part.strip() for part in re.split(separator, text) if part.strip()]
+
+
+class ProgressBar(Watch):
+    """A bar over all track-frames with the time left, on stderr, shown on a terminal only."""
+
+    def __init__(self) -> None:
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("reading", total=None)
+
+    def __enter__(self) -> "ProgressBar":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._progress.stop()
+
+    def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
+        """Say what is reused, and set the bar to what is left."""
+        notes = [f"{reused} of {runs} runs reused"] if reused else []
+        if stale:
+            notes.append(f"{stale} made anew, as setting, code or data have changed")
+        if notes:
+            typer.echo(", ".join(notes))
+        self._progress.update(self._task, total=work)
+
+    def working(self, what: str) -> None:
+        """Name what is being run."""
+        self._progress.update(self._task, description=what)
+
+    def advance(self, work: int) -> None:
+        """Move the bar."""
+        self._progress.advance(self._task, work)

@@ -1,0 +1,90 @@
+"""What every reader of a data set yields: a name, frames and labels."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dcs_jax.checks import check_box
+from dcs_jax.io.frames import IMAGE_SUFFIXES, FrameSource, open_source
+
+
+class Sequence(NamedTuple):
+    """A labelled sequence, from its first labelled frame on.
+
+    name: as `find_sequences` gives it.
+    frames: opened and checked, not yet read.
+    truth: [T, 4] float64, x, y, w, h in pixels, NaN where unlabelled; the first row is labelled.
+    """
+
+    name: str
+    frames: FrameSource
+    truth: NDArray[np.float64]
+
+    def fingerprint(self) -> str:
+        """A digest of the labels and of the names and sizes of the files of the frames."""
+        path = self.frames.path
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        digest = hashlib.sha256(self.truth.tobytes())
+        digest.update(f"{self.frames.start} {self.frames.length}".encode())
+        for file in files:
+            digest.update(f"{file.name} {file.stat().st_size}\n".encode())
+        return digest.hexdigest()[:16]
+
+
+class Entry(NamedTuple):
+    """A sequence that was found and not yet opened.
+
+    load: opens it; ValueError or OSError says what is wrong with it.
+    """
+
+    name: str
+    load: Callable[[], Sequence]
+
+
+def open_sequence(
+    name: str,
+    source: Path,
+    truth: NDArray[np.float64],
+    annotation: Path,
+    start: int = 0,
+    end: int | None = None,
+) -> Sequence:
+    """The frames `start` to `end` of a source with their labels, cut at the first labelled frame.
+
+    truth: [end - start, 4], one row a frame, from `annotation`, which is named in messages.
+
+    Raises ValueError where frames and labels differ in number, no frame is labelled, or the first
+    label is no box that can be tracked.
+    """
+    frames = open_source(source, start, end)
+    if frames.length is None:
+        raise ValueError(f"{source} does not say how many frames it has: convert it to mp4 or avi")
+    if len(truth) != frames.length:
+        raise ValueError(
+            f"{annotation} labels {len(truth)} frames, but {source} has {frames.length}: "
+            "expected one label a frame"
+        )
+    labelled = np.flatnonzero(~np.isnan(truth).any(axis=1))
+    if not labelled.size:
+        raise ValueError(f"{annotation} labels no frame")
+    first = int(labelled[0])
+    check_box(truth[first], frames.shape)
+    if first:
+        frames = open_source(source, start + first, end)
+    return Sequence(name, frames, truth[first:])
+
+
+def holds_images(folder: Path) -> bool:
+    """Whether a folder has images in it."""
+    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+
+
+def count_images(folder: Path) -> int:
+    """The number of images in a folder; ValueError if there is no such folder."""
+    if not folder.is_dir():
+        raise ValueError(f"{folder} does not exist: expected a folder of images")
+    return sum(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())

@@ -1,0 +1,304 @@
+"""One page of all results: a single HTML file that opens without a network.
+
+Needs matplotlib and jinja2 (the extra `report`). All that is on the page comes from a `Summary`.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from dcs_jax.evaluation import plots
+from dcs_jax.evaluation.metrics import PRECISION_AT
+from dcs_jax.evaluation.results import PICTURES, atomic
+from dcs_jax.evaluation.statistics import Spread, ranks
+from dcs_jax.evaluation.strips import Picture, film_strip
+from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
+
+SIGNIFICANT = 0.05
+OVERVIEW_SEQUENCES = 12  # more would not fit into one picture
+
+
+class Cell(NamedTuple):
+    """A cell of a table: what is shown, a smaller note, what it is sorted by, and its rank."""
+
+    text: str
+    note: str
+    value: float
+    rank: int
+
+
+class Metric(NamedTuple):
+    """A column of the table of settings: field of `Scores`, heading, digits, which end is best."""
+
+    field: str
+    heading: str
+    digits: int
+    least_is_best: bool
+
+
+METRICS = (
+    Metric("centre_error", "centre error, px", 1, True),
+    Metric("success_rate", "success rate", 3, False),
+    Metric("auc", "success AUC", 3, False),
+    Metric("precision", "P@20", 3, False),
+    Metric("normalised_precision", "normalised precision", 3, False),
+    Metric("losses", "losses a run", 2, True),
+)
+
+
+class Column(NamedTuple):
+    """A column of the tables by sequence: ours, or published ones."""
+
+    name: str
+    source: str
+    colour: str
+
+
+class Table(NamedTuple):
+    """A table by sequence: its rows are (name, cells), the last one the mean."""
+
+    title: str
+    columns: list[Column]
+    rows: list[tuple[str, list[Cell]]]
+    mean: list[Cell]
+
+
+class Scene(NamedTuple):
+    """What the page shows of one sequence; plots are SVG."""
+
+    name: str
+    frames: int
+    labelled: int
+    strip: list[Picture]
+    error: Markup
+    confidence: Markup | None
+    seeds: list[Markup]
+    losses: list[tuple[str, str]]
+
+
+def write_report(summary: Summary, path: str | Path) -> Path:
+    """Write the page of a summary, and overview.png beside it; returns the page's path.
+
+    Raises ValueError for a summary without any result.
+    """
+    if not summary.rows:
+        raise ValueError("there is no result to report")
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("dcs_jax.evaluation", "."),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    page = environment.get_template("report.html.jinja").render(
+        summary=summary,
+        title=_title(summary),
+        facts=_facts(summary),
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        colours=plots.colours(summary.settings),
+        dashed=plots.dashed(summary.settings),
+        metrics=METRICS,
+        leaders=_leaders(summary),
+        curves=_curves(summary),
+        tables=[
+            _by_sequence(summary, "Centre error", "centre_error", 1, True),
+            _by_sequence(summary, "Success rate", "success_rate", 2, False),
+        ],
+        comparisons=[c for c in summary.paired if c.sequence == ""],
+        scenes=[_scene(summary, sequence) for sequence in summary.sequences],
+        significant=SIGNIFICANT,
+        probability=_probability,
+        published_name=_published_name,
+        pictures=PICTURES,
+    )
+    path = Path(path)
+    with atomic(path, text=True) as file:
+        file.write(page)
+    if len(summary.sequences) <= OVERVIEW_SEQUENCES:
+        with atomic(path.with_name("overview.png")) as file:
+            file.write(plots.overview(summary))
+    return path
+
+
+def _title(summary: Summary) -> str:
+    names = summary.sequences
+    return names[0] if len(names) == 1 else f"{len(names)} sequences"
+
+
+def _facts(summary: Summary) -> list[tuple[str, str]]:
+    seeds = [len(record.seeds) for key, record in summary.records.items() if "OpenCV" not in key[1]]
+    starts = {start[:3] for _, _, start in summary.records}
+    abouts = [record.about for record in summary.records.values()]
+    worlds = [about["environment"] for about in abouts]
+    labelled = sum(
+        int((~np.isnan(summary.labels[name].truth).any(axis=1)).sum()) for name in summary.sequences
+    )
+    frames = sum(len(summary.labels[name].truth) for name in summary.sequences)
+    protocols = {"ope": "one pass", "tre": "20 starts", "sre": "12 disturbed boxes"}
+    return [
+        ("frames", f"{frames:,}, {labelled:,} of them labelled"),
+        ("seeds", _range(seeds) if seeds else "none"),
+        ("protocol", ", ".join(protocols[start] for start in sorted(starts))),
+        ("dcs_jax", _listed(world["dcs_jax"] for world in worlds)),
+        ("code", _listed(about["code"] for about in abouts if "peer" not in about["config"])),
+        (
+            "JAX, OpenCV",
+            ", ".join(_listed(world[name] for world in worlds) for name in ("jax", "opencv")),
+        ),
+        ("machine", _listed(f"{w['device']}, {w['cores']} cores, {w['system']}" for w in worlds)),
+    ]
+
+
+def _curves(summary: Summary) -> list[tuple[Markup, list[tuple[str, str]]]]:
+    """Success and precision plot, each with its legend: settings and their figure, best first."""
+    if not summary.curves:
+        return []
+    figures = (
+        (plots.success_plot, {name: curves[0].mean() for name, curves in summary.curves.items()}),
+        (
+            plots.precision_plot,
+            {name: curves[1][PRECISION_AT] for name, curves in summary.curves.items()},
+        ),
+    )
+    return [
+        (
+            Markup(plot(summary)),
+            [
+                (name, f"{value[name]:.3f}")
+                for name in sorted(value, key=value.__getitem__, reverse=True)
+            ],
+        )
+        for plot, value in figures
+    ]
+
+
+def _leaders(summary: Summary) -> list[tuple[str, int, list[Cell]]]:
+    """Rows of the table of settings: name, seeds, a cell a metric and one of the speed."""
+    settings = list(summary.overall)
+    columns = []
+    for metric in METRICS:
+        found = [summary.overall[setting][metric.field] for setting in settings]
+        places = ranks([round(s.mean, metric.digits) for s in found], metric.least_is_best)
+        columns.append(
+            [
+                _cell(s, metric.digits, rank, interval=True)
+                for s, rank in zip(found, places, strict=True)
+            ]
+        )
+    speeds = [summary.speed[setting] for setting in settings]
+    places = ranks([round(speed) for speed in speeds], least_is_best=False)
+    columns.append(
+        [Cell(f"{speed:.0f}", "", speed, rank) for speed, rank in zip(speeds, places, strict=True)]
+    )
+    return [
+        (setting, summary.overall[setting]["centre_error"].n, [column[row] for column in columns])
+        for row, setting in enumerate(settings)
+    ]
+
+
+def _by_sequence(
+    summary: Summary, title: str, field: str, digits: int, least_is_best: bool
+) -> Table:
+    colours = plots.colours(summary.settings)
+    theirs = published_columns(summary)
+    columns = [Column(setting, "", colours[setting]) for setting in summary.settings]
+    columns += [Column(tracker, source, "") for source, tracker in theirs]
+
+    def ranked(spreads: Sequence[Spread | None]) -> list[Cell]:
+        means = [round(s.mean, digits) if s else math.nan for s in spreads]
+        places = ranks(means, least_is_best)
+        return [_cell(s, digits, rank) for s, rank in zip(spreads, places, strict=True)]
+
+    rows = []
+    for sequence in summary.sequences:
+        found: list[Spread | None] = []
+        for setting in summary.settings:
+            numbers = summary.by_sequence.get((sequence, setting))
+            found.append(numbers[field] if numbers else None)
+        for cells in theirs.values():
+            one = cells.get(sequence)
+            sd = one.sd if one and field == "centre_error" else math.nan
+            found.append(_known(getattr(one, field), sd) if one else None)
+        rows.append((sequence, ranked(found)))
+    over = {sequence for sequence, _ in summary.common}
+    means: list[Spread | None] = []
+    for setting in summary.settings:
+        means.append(summary.overall[setting][field] if setting in summary.overall else None)
+    for cells in theirs.values():
+        mean = mean_published(cells, over) if over else None
+        means.append(_known(mean[field != "centre_error"], math.nan) if mean else None)
+    return Table(title, columns, rows, ranked(means))
+
+
+def _known(mean: float, sd: float) -> Spread:
+    """A published number, of which no more than the deviation is known."""
+    return Spread(mean, sd, math.nan, math.nan, math.nan, math.nan, 0)
+
+
+def _cell(values: Spread | None, digits: int, rank: int, interval: bool = False) -> Cell:
+    """A mean with its 95 % interval or, by default, its standard deviation."""
+    if values is None:
+        return Cell("-", "", math.inf, 0)
+    beside = values.high - values.mean if interval else values.sd
+    note = "" if math.isnan(beside) else f"± {beside:.{digits}f}"
+    return Cell(f"{values.mean:.{digits}f}", note, values.mean, rank)
+
+
+def _scene(summary: Summary, sequence: str) -> Scene:
+    truth = summary.labels[sequence].truth
+    confidence = plots.confidence_plot(summary, sequence)
+    return Scene(
+        sequence,
+        len(truth),
+        int((~np.isnan(truth).any(axis=1)).sum()),
+        film_strip(summary, sequence, plots.colours(summary.settings)),
+        Markup(plots.error_plot(summary, sequence)),
+        None if confidence is None else Markup(confidence),
+        [
+            Markup(plots.seeds_plot(summary, sequence, metric))
+            for metric in ("centre_error", "success_rate")
+        ],
+        _losses(summary, sequence),
+    )
+
+
+def _losses(summary: Summary, sequence: str) -> list[tuple[str, str]]:
+    """For each setting that lost the target: in how many runs, and at which frames first."""
+    found = []
+    for setting in summary.settings:
+        rows = [r for r in summary.rows if (r.sequence, r.setting) == (sequence, setting)]
+        begun = {
+            (sequence, setting, r.start): summary.records[sequence, setting, r.start].frame
+            for r in rows
+        }
+        firsts = sorted(r.lost_at[0] + begun[sequence, setting, r.start] for r in rows if r.lost_at)
+        if firsts:
+            places = ", ".join(map(str, sorted(set(firsts))[:8]))
+            more = " …" if len(set(firsts)) > 8 else ""
+            found.append(
+                (setting, f"in {len(firsts)} of {len(rows)} runs, first at frame {places}{more}")
+            )
+    return found
+
+
+def _published_name(source: str) -> str:
+    return source.replace("_", " ")
+
+
+def _probability(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _range(numbers: Sequence[int]) -> str:
+    least, most = min(numbers), max(numbers)
+    return str(least) if least == most else f"{least} to {most}"
+
+
+def _listed(values: Iterable[str]) -> str:
+    return " and ".join(sorted(set(values)))

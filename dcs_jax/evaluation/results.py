@@ -1,0 +1,297 @@
+"""Results on disk. Everything the report shows is computed from them.
+
+    runs/SEQUENCE/SETTING/START.npz         boxes, confidences, seeds and what they depend on
+    runs/SEQUENCE/SETTING/START-seed00.txt  the same boxes as OTB text, one x,y,w,h a line
+    sequences/SEQUENCE.npz                  labels and some small frames for the film strips
+    published.csv                           columns of other people's results, if any were given
+    results.csv, summary.json, summary.md   numbers, by `tables`
+    index.html, overview.png                the page and a picture, by `report`
+
+Files are written to a temporary name and renamed, so that none is ever half there.
+"""
+
+import csv
+import json
+import os
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dcs_jax.evaluation.datasets import Sequence
+
+PICTURES = 48  # frames kept of a sequence
+PICTURE_WIDTH = 480  # pixels at most
+JPEG_QUALITY = 80
+# What reading a file raises that is damaged, or of another version.
+UNREADABLE = (ValueError, KeyError, TypeError, EOFError, OSError, zipfile.BadZipFile)
+
+
+class Record(NamedTuple):
+    """The runs of one setting from one start on one sequence.
+
+    start, frame: name of the start and its first frame.
+    seeds: [S]. boxes: [S, T, 4] float32, x, y, w, h in pixels, T from the first frame on.
+    confidence: [S, T] float32, NaN for a tracker that has none.
+    seconds: of tracking all S seeds.
+    key: digest of all that the boxes depend on: setting, code, data, start.
+    about: the same in words, for the summary.
+    """
+
+    sequence: str
+    setting: str
+    start: str
+    frame: int
+    seeds: NDArray[np.int64]
+    boxes: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    seconds: float
+    key: str
+    about: dict[str, Any]
+
+
+class Labels(NamedTuple):
+    """What is kept of a sequence.
+
+    truth: [T, 4], x, y, w, h in pixels, NaN where unlabelled.
+    shown: [P] frames of which there is a picture. pictures: P encoded JPEG images.
+    size: rows and columns of the frames.
+    data: digest of labels and files.
+    """
+
+    sequence: str
+    truth: NDArray[np.float64]
+    shown: NDArray[np.int64]
+    pictures: list[bytes]
+    size: tuple[int, int]
+    data: str
+
+
+class Published(NamedTuple):
+    """Other people's result on a sequence; sd is NaN and runs 0 where unknown."""
+
+    source: str
+    tracker: str
+    sequence: str
+    centre_error: float
+    sd: float
+    success_rate: float
+    runs: int
+
+
+class Results:
+    """The results in a folder."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def find(self, sequence: str, setting: str, start: str) -> Record | None:
+        """The record of these names, if there is one that can be read."""
+        path = self._path(sequence, setting, start)
+        return _read_record(path) if path.is_file() else None
+
+    def write(self, record: Record) -> None:
+        """Store a record, and its boxes as text."""
+        path = self._path(record.sequence, record.setting, record.start)
+        for seed, boxes in zip(record.seeds, record.boxes, strict=True):
+            with atomic(path.with_name(f"{record.start}-seed{seed:02d}.txt")) as file:
+                np.savetxt(file, boxes, fmt="%.4f", delimiter=",")
+        about = json.dumps(
+            {name: getattr(record, name) for name in ("sequence", "setting", "start", "frame")}
+            | {"seconds": record.seconds, "key": record.key, "about": record.about}
+        )
+        with atomic(path) as file:  # last: where it is, the others are
+            np.savez_compressed(
+                file,
+                about=about,
+                seeds=record.seeds,
+                boxes=record.boxes,
+                confidence=record.confidence,
+            )
+
+    def records(self) -> Iterator[Record]:
+        """All records, in the order of their names."""
+        for path in sorted(self.folder.glob("runs/*/*/*.npz")):
+            if (record := _read_record(path)) is not None:
+                yield record
+
+    def keep_sequence(self, sequence: Sequence, frames: Iterable[NDArray[np.uint8]]) -> None:
+        """Store the labels of a sequence and small pictures of frames spread evenly over it."""
+        labelled = np.flatnonzero(~np.isnan(sequence.truth).any(axis=1))
+        chosen = np.linspace(0, len(labelled) - 1, min(PICTURES, len(labelled))).round()
+        shown = labelled[chosen.astype(int)]
+        wanted = set(shown.tolist())
+        pictures = [_encode(frame) for t, frame in enumerate(frames) if t in wanted]
+        about = {
+            "sequence": sequence.name,
+            "size": sequence.frames.shape[:2],
+            "data": sequence.fingerprint(),
+        }
+        with atomic(self._labels_path(sequence.name)) as file:
+            np.savez(
+                file,
+                about=json.dumps(about),
+                truth=sequence.truth,
+                shown=shown,
+                lengths=[len(picture) for picture in pictures],
+                pictures=np.frombuffer(b"".join(pictures), np.uint8),
+            )
+
+    def keeps_sequence(self, sequence: Sequence) -> bool:
+        """Whether the labels and pictures of this very sequence are there."""
+        path = self._labels_path(sequence.name)
+        kept = _read_labels(path) if path.is_file() else None
+        return kept is not None and kept.data == sequence.fingerprint()
+
+    def labels(self) -> dict[str, Labels]:
+        """What is kept of every sequence, by its name."""
+        paths = sorted(self.folder.glob("sequences/*.npz"))
+        kept = (_read_labels(path) for path in paths)
+        return {labels.sequence: labels for labels in kept if labels is not None}
+
+    def write_published(self, published: Iterable[Published]) -> None:
+        """Store other people's results beside ours."""
+        with atomic(self.folder / "published.csv", text=True) as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(Published._fields)
+            table.writerows(published)
+
+    def published(self) -> list[Published]:
+        """What `write_published` has stored."""
+        path = self.folder / "published.csv"
+        if not path.is_file():
+            return []
+        with open(path, newline="", encoding="utf-8") as file:
+            return [
+                Published(
+                    row["source"],
+                    row["tracker"],
+                    row["sequence"],
+                    float(row["centre_error"]),
+                    float(row["sd"]),
+                    float(row["success_rate"]),
+                    int(row["runs"]),
+                )
+                for row in csv.DictReader(file)
+            ]
+
+    def _labels_path(self, sequence: str) -> Path:
+        return self.folder / "sequences" / f"{_file_name(sequence)}.npz"
+
+    def _path(self, sequence: str, setting: str, start: str) -> Path:
+        return self.folder / "runs" / _file_name(sequence) / _file_name(setting) / f"{start}.npz"
+
+
+class atomic:  # noqa: N801 (reads as a verb: with atomic(path) as file)
+    """A file to write that takes its name only when all is written; a context manager."""
+
+    def __init__(self, path: Path, text: bool = False) -> None:
+        self._path, self._text = path, text
+
+    def __enter__(self) -> IO[Any]:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        handle, self._temporary = tempfile.mkstemp(".part", ".", self._path.parent)
+        self._file: IO[Any] = (
+            os.fdopen(handle, "w", encoding="utf-8", newline="")
+            if self._text
+            else os.fdopen(handle, "wb")
+        )
+        return self._file
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        self._file.close()
+        if kind is None:
+            os.chmod(self._temporary, 0o644)  # a temporary file is readable to its owner only
+            os.replace(self._temporary, self._path)
+        else:
+            os.unlink(self._temporary)
+
+
+def read_published(folder: str | Path) -> list[Published]:
+    """Other people's results: every CSV of a folder that has the columns for it.
+
+    Columns: sequence, tracker, success_rate, runs, centre_error_px or centre_error_px_mean, and
+    optionally centre_error_px_sd.
+
+    Raises ValueError where no file has them, or a number is none.
+    """
+    published = []
+    folder = Path(folder)
+    for path in sorted(folder.glob("*.csv")):
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+        for n, row in enumerate(rows, 2):
+            error = row.get("centre_error_px_mean") or row.get("centre_error_px")
+            if error is None or not {"sequence", "tracker", "success_rate", "runs"} <= row.keys():
+                break  # another kind of table
+            try:
+                numbers = (
+                    float(error),
+                    float(row.get("centre_error_px_sd") or "nan"),
+                    float(row["success_rate"]),
+                    int(row["runs"]),
+                )
+            except ValueError as wrong:
+                raise ValueError(f"{path}, line {n}: {wrong}") from None
+            published.append(Published(path.stem, row["tracker"], row["sequence"], *numbers))
+    if not published:
+        raise ValueError(
+            f"{folder} holds no CSV with the columns sequence, tracker, centre_error_px, "
+            "success_rate, runs"
+        )
+    return published
+
+
+def _read_record(path: Path) -> Record | None:
+    """A record; None where the file is none, as one of another version."""
+    try:
+        with open(path, "rb") as handle, np.load(handle) as file:
+            about = json.loads(str(file["about"]))
+            return Record(
+                seeds=file["seeds"],
+                boxes=file["boxes"],
+                confidence=file["confidence"],
+                **about,
+            )
+    except UNREADABLE:
+        return None
+
+
+def _read_labels(path: Path) -> Labels | None:
+    try:
+        with open(path, "rb") as handle, np.load(handle) as file:
+            about = json.loads(str(file["about"]))
+            ends = np.cumsum(file["lengths"])[:-1]
+            pictures = [part.tobytes() for part in np.split(file["pictures"], ends)]
+            return Labels(
+                about["sequence"],
+                file["truth"],
+                file["shown"],
+                pictures,
+                tuple(about["size"]),
+                about["data"],
+            )
+    except UNREADABLE:
+        return None
+
+
+def _encode(frame: NDArray[np.uint8]) -> bytes:
+    """A frame [H, W, 3] RGB as a JPEG of at most PICTURE_WIDTH."""
+    rows, columns = frame.shape[:2]
+    if columns > PICTURE_WIDTH:
+        size = (PICTURE_WIDTH, round(rows * PICTURE_WIDTH / columns))
+        frame = cv2.resize(frame, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+    bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return bytes(encoded)
+
+
+def _file_name(name: str) -> str:
+    """A name that is safe as a folder's: blanks, slashes and the like become _."""
+    return re.sub(r"[^\w=.,()\[\]-]", "_", name)
