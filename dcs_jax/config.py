@@ -10,6 +10,7 @@ import numpy as np
 from dcs_jax.types import BoxLike
 
 Selector = Literal["l1", "error", "mil", "first"]
+TieRule = Literal["first", "error"]
 WeakRule = Literal["midpoint", "gaussian"]
 
 
@@ -38,6 +39,8 @@ class Config:
         selector: how it chooses: "l1" by non-negative l1 minimisation with label noise (the paper's
             "w/ l1"), "error" by the least accumulated error ("w/o l1"), "mil" by the bag likelihood
             (Babenko et al., CVPR 2009), "first" as the first without error in this frame.
+        tie: which of several equally good classifiers "l1" takes: "first", the first one of the
+            pool, or "error", the one of least accumulated error, with which the target is lost.
         weak: how a weak classifier decides: "midpoint" by the nearer class mean, "gaussian" by the
             likelier class (eq. 16).
         iterations: accelerated proximal gradient steps of the "l1" selector.
@@ -63,6 +66,7 @@ class Config:
     selectors: int = _static(40)
     pool_size: int = _static(50)
     selector: Selector = _static("l1")
+    tie: TieRule = _static("first")
     weak: WeakRule = _static("midpoint")
     iterations: int = _static(10)
     first_updates: int = _static(50)
@@ -168,6 +172,7 @@ class Grid:
 _CHOICES = {
     "parts": (1, 5, 9),
     "selector": ("l1", "error", "mil", "first"),
+    "tie": ("first", "error"),
     "weak": ("midpoint", "gaussian"),
 }
 _LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1}

@@ -42,6 +42,17 @@ def test_selected_columns_are_those_of_the_reference(selector, seed, reliability
     np.testing.assert_array_equal(selected, expected)
 
 
+@given(seed=st.integers(0, 2**31))
+def test_a_tie_may_go_to_the_least_error(seed):
+    votes, errors = random_votes(seed, 0.9)
+    phi = votes[ROWS].transpose(2, 3, 0, 1)
+    by_selector = errors.transpose(1, 2, 0)
+    expected = reference.select_l1(phi, reference.LABELS, 0.01, 30, by_selector)
+    config = Config(parts=1, selectors=SELECTORS, pool_size=POOL_SIZE, iterations=30, tie="error")
+    selected = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
+    np.testing.assert_array_equal(selected, expected)
+
+
 def test_a_lambda_that_leaves_no_classifier_selects_the_best_correlated():
     votes, errors = random_votes(0, 0.7)
     votes, errors = jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32)

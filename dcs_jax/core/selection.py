@@ -30,17 +30,19 @@ def select(
         case "mil":
             return jax.vmap(_most_likely_bag, in_axes=2)(votes)
         case "l1":
-            return _l1(votes, config)
+            return _l1(votes, error, config)
 
 
-def _l1(votes: Float[Array, "R M K N"], config: Config) -> Int32[Array, "K N"]:
+def _l1(
+    votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
+) -> Int32[Array, "K N"]:
     """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N].
 
     R distinct rows leave 2^R columns that differ: each problem is solved for those with their
     counts (32 columns instead of the paper's 200: five times faster, the same coefficients). The
     problems lie along the minor axis throughout.
     """
-    rows, pool_size, *selectors = votes.shape
+    rows, pool_size, *_ = votes.shape
     bits = np.arange(2**rows)[:, None] >> np.arange(rows) & 1
     patterns = jnp.asarray(np.where(bits, 1.0, -1.0), votes.dtype)  # [2^R, R]
     codes = sum((row > 0).astype(jnp.int32) << bit for bit, row in enumerate(votes))
@@ -56,8 +58,10 @@ def _l1(votes: Float[Array, "R M K N"], config: Config) -> Int32[Array, "K N"]:
     # Whether a classifier votes one of the best patterns is looked up in the bits of one number.
     bit = jnp.uint32(1) << jnp.arange(2**rows, dtype=jnp.uint32)[:, None]
     best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
-    chosen = (best >> codes.astype(jnp.uint32)) & 1 == 1
-    return _first(chosen).reshape(selectors)
+    chosen = ((best >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
+    if config.tie == "error":
+        return first_maximum(jnp.where(chosen, -error, -jnp.inf))
+    return _first(chosen)
 
 
 def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:

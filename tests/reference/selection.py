@@ -22,16 +22,22 @@ def first_best(scores: Floats) -> int:
     raise ValueError("scores that are not numbers have no best")
 
 
-def select_l1(phi: Floats, y: Floats, lam: float, iterations: int) -> Integers:
+def select_l1(
+    phi: Floats, y: Floats, lam: float, iterations: int, errors: Floats | None = None
+) -> Integers:
     """The first column with the largest coefficient beta after so many FISTA iterations.
 
-    Where all coefficients are zero: the first column that agrees best with the labels.
+    Where all coefficients are zero: the first column that agrees best with the labels. With errors
+    [..., M], of the columns with the largest coefficient the one with the least error.
     """
     beta, _ = fista(phi, y, lam, iterations)
     chosen = np.zeros(phi.shape[:-2], np.int64)
     for problem in np.ndindex(chosen.shape):
         scores = beta[problem] if beta[problem].max() > 0 else phi[problem].T @ y
         chosen[problem] = first_best(scores)
+        if errors is not None:
+            tied = scores >= scores.max() - TIE * abs(scores.max())
+            chosen[problem] = first_best(np.where(tied, -errors[problem], -np.inf))
     return chosen
 
 
