@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core import apg
@@ -68,8 +68,13 @@ def first_maximum(scores: Float[Array, "*selectors M"]) -> Int32[Array, "*select
     first index among those without an error on this frame tracks, the least accumulated error
     among them loses the target.
     """
+    return jnp.argmax(is_maximum(scores), axis=-1).astype(jnp.int32)
+
+
+def is_maximum(scores: Float[Array, "*selectors M"]) -> Bool[Array, "*selectors M"]:
+    """Which scores are maxima along the last axis, up to a relative tolerance: [..., M]."""
     best = scores.max(-1, keepdims=True)
-    return jnp.argmax(scores >= best - TIE_TOLERANCE * jnp.abs(best), axis=-1).astype(jnp.int32)
+    return scores >= best - TIE_TOLERANCE * jnp.abs(best)
 
 
 def _most_likely_bag(votes: Float[Array, "N M R"]) -> Int32[Array, " N"]:
