@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -69,7 +69,7 @@ def select_classifiers(
     key: jax.Array | None = None,
     start: Real | None = None,
 ) -> Selection:
-    """Select classifiers by non-negative l1 minimisation while a sparse vector absorbs wrong labels.
+    """Select classifiers by non-negative l1 minimisation; a sparse vector absorbs wrong labels.
 
         min over beta >= 0, e of
             sum_l w_l [(phi_l' beta + e_l - y_l)^2 + lam_noise |e_l|] + lam sum_m beta_m
@@ -97,7 +97,7 @@ def select_classifiers(
     Works under jit, vmap, scan and sharding, in the type of `votes`: float64, or else float32.
 
     lam = 0 leaves the coefficients free, and a gap is then often out of reach of rounding:
-    `converged` tells. lam_noise = 0 has the solution beta = 0, e = y - 0, as has any lam of at
+    `converged` tells. lam_noise = 0 has the solution beta = 0, e = y, and beta = 0 is one, has any lam of at
     least max over m of 2 sum_l w_l phi_lm clip(y_l, -lam_noise / 2, lam_noise / 2).
 
     Raises ValueError where an argument is not as stated; inside a transformation, where values are
@@ -162,7 +162,9 @@ class _Problems(NamedTuple):
 def _broadcast(problems: _Problems) -> _Problems:
     """All leading dimensions alike; ValueError where they do not broadcast."""
     sizes = _Problems(2, 1, 1, 0, 0, 1)
-    leading = [array.shape[: array.ndim - size] for array, size in zip(problems, sizes)]
+    leading = [
+        array.shape[: array.ndim - size] for array, size in zip(problems, sizes, strict=True)
+    ]
     try:
         batch = np.broadcast_shapes(*leading)
     except ValueError:
@@ -173,7 +175,7 @@ def _broadcast(problems: _Problems) -> _Problems:
     return _Problems(
         *(
             jnp.broadcast_to(array, batch + array.shape[array.ndim - size :])
-            for array, size in zip(problems, sizes)
+            for array, size in zip(problems, sizes, strict=True)
         )
     )
 
@@ -230,10 +232,10 @@ def _select(
     tied = is_maximum(scores)
     match tie:
         case "first":
-            preference = -jnp.arange(columns)
+            preference = -jnp.arange(columns, dtype=tol.dtype)
         case "error":
-            preference = -errors
+            preference = jnp.broadcast_to(-errors, tied.shape)
         case "random":
-            preference = jax.random.uniform(key, tied.shape)
+            preference = jax.random.uniform(key, tied.shape, tol.dtype)
     index = jnp.argmax(jnp.where(tied, preference, -jnp.inf), axis=-1).astype(jnp.int32)
     return Selection(index, *found, found.gap <= jnp.maximum(tol, 0))

@@ -4,9 +4,9 @@
         sum_l w_l [(phi_l' beta + e_l - y_l)^2 + lam_noise |e_l|] + lam sum_m beta_m
 
 with w the multiplicities of equal rows. With lam_noise = lam it is the paper's
-||W c - y||^2 + lam 1'c over c >= 0 with W = [Phi I -I] and c = [beta e+ e-] (the paper prints argmax, argmin is meant), without ever
-building the identities: e+ and e- are never both positive at an optimum, so e = e+ - e- has a soft
-threshold.
+||W c - y||^2 + lam 1'c over c >= 0 with W = [Phi I -I] and c = [beta e+ e-] (the paper prints
+argmax, argmin is meant), without ever building the identities: e+ and e- are never both positive at
+an optimum, so e = e+ - e- has a soft threshold.
 """
 
 from typing import NamedTuple

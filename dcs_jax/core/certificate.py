@@ -1,7 +1,7 @@
-"""How good a solution of the selection problem is: its objective and a bound on its distance to it.
+"""How good a solution of the selection problem is: its objective, and a bound on the least one.
 
-The noise e can be eliminated from the problem of `apg`: the best one for a residual r = y - Phi beta
-is r shrunk by t = lam_noise / 2, which leaves
+The noise e can be eliminated from the problem of `apg`: the best one for a residual
+r = y - Phi beta is r shrunk by t = lam_noise / 2, which leaves
 
     P(beta) = sum_l w_l h(r_l) + lam sum_m beta_m,   h(r) = r^2 if |r| <= t else 2 t |r| - t^2,
 

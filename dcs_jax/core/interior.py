@@ -27,8 +27,12 @@ from dcs_jax.core.stopping import Method
 
 # Of the way to the boundary, a step goes this far.
 _STEP = 0.99
-# Each costs two triangular solves and spares about one step in twelve.
-_CORRECTIONS = 2
+# The noise of a row at the start, in units of the largest label. 0.1 takes about one step less than
+# 1, and with coefficients of 1 / sqrt(M) one step in ten less than with 1 / M.
+_LEAST_NOISE = 0.1
+# Each costs two triangular solves. On 100 x 200 votes none takes 185 ms for 100 problems, one 152,
+# two 159, three 182.
+_CORRECTIONS = 1
 # Complementarity products are corrected into this range around their target.
 _SPREAD = 10.0
 # The quadratic term that keeps each step's coefficients near the last ones, in bounds of their
@@ -61,17 +65,20 @@ def method(problem: Problem) -> Method:
     """The method from its own start: theta = 0, and noise that takes up the labels."""
     scaled = _scale(problem)
     columns, rows = scaled.votes.shape
-    beta = jnp.full(columns, 1 / columns, scaled.votes.dtype)
+    beta = jnp.full(columns, columns**-0.5, scaled.votes.dtype)
     noise = scaled.labels - beta @ scaled.votes
     first = Carry(
         jnp.zeros(rows, noise.dtype),
-        jnp.concatenate([beta, jnp.maximum(noise, 0) + 1, jnp.maximum(-noise, 0) + 1]),
+        jnp.concatenate(
+            [beta, jnp.maximum(noise, 0) + _LEAST_NOISE, jnp.maximum(-noise, 0) + _LEAST_NOISE]
+        ),
         scaled.bound,
     )
 
     def advance(carry: Carry, iterations: int) -> Carry:
-        step = lambda carry, _: (_step(scaled, carry), None)
-        return jax.lax.scan(step, carry, length=iterations)[0]
+        return jax.lax.scan(
+            lambda carry, _: (_step(scaled, carry), None), carry, length=iterations
+        )[0]
 
     def solution(carry: Carry) -> tuple[Float[Array, " M"], Float[Array, " L"]]:
         return carry.multiplier[:columns] * scaled.column_scale, carry.theta * scaled.row_scale
@@ -102,7 +109,7 @@ def _scale(problem: Problem) -> _Scaled:
 def _step(scaled: _Scaled, carry: Carry) -> Carry:
     """One predictor-corrector step."""
     votes, labels, bound, *_ = scaled
-    columns, rows = votes.shape
+    columns = votes.shape[0]
     theta, multiplier, slack = carry
     damping = jnp.where(jnp.arange(bound.shape[0]) < columns, _DAMPING * bound, 0)
     denominator = slack + damping * multiplier

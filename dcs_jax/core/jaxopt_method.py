@@ -25,7 +25,7 @@ def method(problem: Problem, start: Float[Array, " M"]) -> Method:
     penalty = jnp.concatenate([lam * counts, noise])
 
     def squares(c: Float[Array, " unknowns"]) -> Float[Array, ""]:
-        return jnp.sum((root * (w @ c - problem.labels)) ** 2)
+        return jnp.sum((root * (w @ c - labels)) ** 2)
 
     solver = jaxopt.ProximalGradient(squares, jaxopt.prox.prox_non_negative_lasso, tol=0.0)
     first = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])

@@ -45,7 +45,7 @@ class Outcome(NamedTuple):
 
 
 class _Carry(NamedTuple):
-    """The loop: the method's state, the best solution and bound so far, and whether all is finite."""
+    """The loop: the method's state, the best solution and bound so far, if all is finite."""
 
     state: Any
     beta: Float[Array, " M"]
