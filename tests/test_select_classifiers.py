@@ -88,25 +88,25 @@ def test_the_gap_bounds_the_distance_to_the_minimum(batch, settings):
 
 
 def test_the_gap_goes_to_zero(batch):
-    found = batch.select(solver="interior", tol=1e-5)
+    found = batch.select(solver="interior", tol=1e-4)
     batch.check(found)
     assert found.converged.all()
-    assert (found.gap <= 1e-5).all()
-    assert (found.iterations < 30).all()
+    assert (found.gap <= 1e-4).all()
+    with jax.enable_x64(True):
+        assert batch.select(solver="interior", tol=1e-9).converged.all()
 
 
-def test_apg_and_projected_gradient_reach_a_gap_too():
-    votes, labels = example(rows=8, columns=20)
-    for solver in ("apg", "projected_gradient"):
-        found = select_classifiers(votes, labels, 1.0, solver=solver, tol=1e-3)
-        assert found.converged.all()
-        assert (found.iterations % 10 == 0).all()
+@pytest.mark.parametrize("solver", ["apg", "projected_gradient"])
+def test_gradient_methods_reach_a_gap_too(solver):
+    found = select_classifiers(*example(), 1.0, solver=solver)
+    assert found.converged.all()
+    assert (found.iterations % 10 == 0).all()
 
 
 def test_after_its_best_the_interior_point_method_stays_there(batch):
     found = batch.select(solver="interior", tol=None, max_iterations=60)
     batch.check(found)
-    assert (found.gap <= 2e-5).all()
+    assert (found.gap <= 1e-4).all()
 
 
 def example(seed=0, problems=7, rows=30, columns=40) -> tuple[np.ndarray, np.ndarray]:
@@ -119,15 +119,11 @@ def example(seed=0, problems=7, rows=30, columns=40) -> tuple[np.ndarray, np.nda
 
 @pytest.mark.filterwarnings("ignore:JAXopt is no longer maintained:DeprecationWarning")
 def test_jaxopt_finds_the_same_minimum():
-    votes, labels = example(rows=12, columns=15)
-    weights = np.arange(12) % 3
-    settings = {"lam": 0.3, "lam_noise": 0.8, "weights": weights, "tol": 1e-5}
-    ours = select_classifiers(votes, labels, **settings)
-    theirs = select_classifiers(votes, labels, **(settings | {"tol": 1e-3}), solver="jaxopt")
-    assert ours.converged.all()
-    assert theirs.converged.all()
+    run = partial(select_classifiers, *example(), 0.3, 0.8, np.arange(30) % 3)
+    ours = run(tol=1e-4)
+    theirs = run(solver="jaxopt", tol=None, max_iterations=1500)
     np.testing.assert_allclose(ours.objective, theirs.objective, rtol=1e-3)
-    assert (ours.objective <= theirs.objective * (1 + 2e-5)).all()
+    assert (ours.objective <= theirs.objective * (1 + 1e-4)).all()
 
 
 def test_the_shapes_are_the_promised_ones():
@@ -167,7 +163,7 @@ def test_jit_vmap_and_scan_give_the_same():
 
 
 def test_another_lambda_or_tolerance_compiles_nothing():
-    votes, labels = example(problems=2, rows=21)
+    votes, labels = example()
     select_classifiers(votes, labels)
     compiled = select._select._cache_size()
     for lam in (0.02, np.float32(1), jnp.float32(3)):
@@ -215,7 +211,7 @@ def test_a_start_saves_apg_iterations():
     votes, labels = example()
     cold = select_classifiers(votes, labels, 1.0, solver="apg")
     warm = select_classifiers(votes, labels, 1.0, solver="apg", start=cold.beta)
-    assert warm.iterations.sum() < cold.iterations.sum() / 2
+    assert np.sum(warm.iterations) < np.sum(cold.iterations) / 2
 
 
 def test_in_float64_the_gap_goes_further():
@@ -271,26 +267,26 @@ def test_one_row(solver):
 
 @SOLVERS
 def test_one_classifier(solver):
-    found = select_classifiers([[1.0], [-1.0], [1.0]], [1.0, -1.0, -1.0], solver=solver)
+    found = select_classifiers([[1.0], [-1.0], [1.0], [1.0]], [1.0, -1.0, 1.0, -1.0], solver=solver)
     assert found.index == 0
     assert found.converged
-    # Two rows of three are right, so a vote of 1 is worth it; the third label is disbelieved.
-    np.testing.assert_allclose(found.noise, [0, 0, -2], atol=0.02)
+    # Three rows of four are right: the vote is believed, the fourth label is not.
+    np.testing.assert_allclose(found.noise, [0, 0, 0, -2], atol=0.02)
 
 
 @SOLVERS
 def test_a_zero_column_is_never_taken(solver):
-    votes, labels = example(problems=1)
+    votes, labels = example()
     votes[..., 0] = 0
     found = select_classifiers(votes, labels, 1.0, solver=solver)
-    assert found.index != 0
+    assert found.index.all()
     assert found.converged.all()
-    assert found.beta[0, 0] <= 1e-3 * found.beta.max()
+    assert (found.beta[:, 0] <= 1e-3 * found.beta.max(-1)).all()
 
 
 @SOLVERS
 def test_all_columns_zero(solver):
-    found = select_classifiers(np.zeros((4, 3)), np.ones(4), solver=solver)
+    found = select_classifiers(np.zeros((4, 1)), np.ones(4), solver=solver)
     assert found.index == 0
     assert found.converged
     np.testing.assert_allclose(found.noise, np.full(4, 0.995))
@@ -298,19 +294,19 @@ def test_all_columns_zero(solver):
 
 @SOLVERS
 def test_equal_columns_share_their_coefficient(solver):
-    votes, labels = example(problems=1, columns=5)
+    votes, labels = example(columns=20)
     found = select_classifiers(np.tile(votes, 2), labels, 1.0, solver=solver, tol=1e-4)
     once = select_classifiers(votes, labels, 1.0, tol=1e-4)
-    np.testing.assert_allclose(found.beta[0, :5], found.beta[0, 5:], atol=1e-4)
+    np.testing.assert_allclose(found.beta[:, :20], found.beta[:, 20:], atol=1e-4)
     np.testing.assert_allclose(found.objective, once.objective, rtol=2e-4)
 
 
 @SOLVERS
 def test_all_labels_equal(solver):
-    votes, _ = example(problems=1)
+    votes, _ = example()
     votes[..., 3] = 1
-    found = select_classifiers(votes, np.ones(30), 1.0, solver=solver)
-    assert found.index == 3
+    found = select_classifiers(votes, np.ones((7, 30)), 1.0, solver=solver)
+    assert (found.index == 3).all()
     assert found.converged.all()
 
 
@@ -318,9 +314,10 @@ def test_all_labels_equal(solver):
 def test_lambda_zero(lam_noise):
     votes, labels = example(problems=1)
     found = select_classifiers(votes, labels, 0.0, lam_noise)
-    assert np.isfinite(found.beta).all()
-    # More columns than rows: they reproduce the labels, or the noise costs nothing.
-    np.testing.assert_allclose(found.objective, 0, atol=1e-4)
+    beta, noise = reference.solve_exactly(votes[0].astype(float), labels[0], 0.0, lam_noise or 0.0)
+    residual = votes[0] @ beta + noise - labels[0]
+    minimum = residual @ residual + (lam_noise or 0) * np.abs(noise).sum()
+    np.testing.assert_allclose(found.objective, minimum, rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("solver", ["interior", "apg", "projected_gradient"])
@@ -342,7 +339,7 @@ def test_columns_of_very_different_norm():
 
 @SOLVERS
 def test_a_row_of_weight_zero_is_as_good_as_absent(solver):
-    votes, labels = example(problems=3)
+    votes, labels = example()
     weights = np.arange(30) % 2
     found = select_classifiers(votes, labels, 1.0, weights=weights, solver=solver, tol=1e-4)
     short = select_classifiers(votes[:, 1::2], labels[:, 1::2], 1.0, tol=1e-4)

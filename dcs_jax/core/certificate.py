@@ -48,7 +48,10 @@ def certify(
     clipped = jnp.clip(residual, -limit, limit)
     theta = clipped if theta is None else jnp.clip(theta, -limit, limit)
     correlation = jnp.where(counts > 0, votes @ (weights * theta), 0)
-    largest = correlation.max()
+    # What rounding may leave unseen of a correlation and of an objective, or the bound is none.
+    eps = jnp.finfo(correlation.dtype).eps
+    unseen = eps * jnp.abs(votes).max(1) * jnp.linalg.norm(weights * theta)
+    largest = (correlation + jnp.where(counts > 0, unseen, 0)).max()
     scale = jnp.where(largest > lam / 2, lam / 2 / jnp.where(largest > 0, largest, 1), 1)
     theta, correlation = scale * theta, scale * correlation
     # P - D in terms that are none of them negative, as the difference of two sums would lose the
@@ -58,4 +61,4 @@ def certify(
     gap = weights @ jnp.maximum(rows, 0) + jnp.maximum(columns, 0).sum()
     limited = weights @ (clipped * (2 * residual - clipped))  # Huber's loss
     objective = limited + lam * (counts @ beta)
-    return Certificate(residual - clipped, objective, objective - gap)
+    return Certificate(residual - clipped, objective, objective * (1 - 4 * eps) - gap)
