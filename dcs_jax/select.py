@@ -45,7 +45,7 @@ class Selection(NamedTuple):
     converged: [...] bool, whether the gap is at most `tol`.
     """
 
-    index: Int32[Array, "..."]
+    index: Int32[Array, "..."]  # type: ignore[assignment]  # hides tuple.index
     beta: Float[Array, "... M"]
     noise: Float[Array, "... L"]
     objective: Float[Array, "..."]
@@ -162,7 +162,7 @@ class _Problems(NamedTuple):
 
 def _broadcast(problems: _Problems) -> _Problems:
     """All leading dimensions alike; ValueError where they do not broadcast."""
-    sizes = _Problems(2, 1, 1, 0, 0, 1)
+    sizes = (2, 1, 1, 0, 0, 1)
     leading = [
         array.shape[: array.ndim - size] for array, size in zip(problems, sizes, strict=True)
     ]
@@ -235,8 +235,18 @@ def _select(
         case "first":
             preference = -jnp.arange(columns, dtype=tol.dtype)
         case "error":
+            assert errors is not None
             preference = jnp.broadcast_to(-errors, tied.shape)
         case "random":
+            assert key is not None
             preference = jax.random.uniform(key, tied.shape, tol.dtype)
     index = jnp.argmax(jnp.where(tied, preference, -jnp.inf), axis=-1).astype(jnp.int32)
-    return Selection(index, *found, found.gap <= jnp.maximum(tol, 0))
+    return Selection(
+        index,
+        found.beta,
+        found.noise,
+        found.objective,
+        found.gap,
+        found.iterations,
+        found.gap <= jnp.maximum(tol, 0),
+    )
