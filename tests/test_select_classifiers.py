@@ -108,12 +108,6 @@ def test_gradient_methods_reach_a_gap_too(solver):
     assert (found.iterations % 10 == 0).all()
 
 
-def test_after_its_best_the_interior_point_method_stays_there(batch):
-    found = batch.select(solver="interior", tol=None, max_iterations=60)
-    batch.check(found)
-    assert (found.gap <= 1e-4).all()
-
-
 def example(seed=0, problems=7, rows=30, columns=40) -> tuple[np.ndarray, np.ndarray]:
     """Votes that agree with the labels two times in three."""
     generator = np.random.default_rng(seed)
