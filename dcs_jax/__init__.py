@@ -1,17 +1,20 @@
 """Follow any box through a video: online boosting with l1-selected classifiers, in JAX."""
 
 from dcs_jax.config import Config
+from dcs_jax.select import Selection, select_classifiers
 from dcs_jax.sequence import track_chunk, track_sequence
 from dcs_jax.tracker import init, score, step
 from dcs_jax.types import State, StepInfo, Track
 
 __all__ = [
     "Config",
+    "Selection",
     "State",
     "StepInfo",
     "Track",
     "init",
     "score",
+    "select_classifiers",
     "step",
     "track_chunk",
     "track_sequence",

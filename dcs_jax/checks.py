@@ -4,6 +4,7 @@ All of them look at shapes, types and concrete values only, so they run before a
 inside a transformation, where a value is not known yet, only its shape is looked at.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -65,6 +66,50 @@ def check_key(key: Any) -> None:
         raise ValueError(f"key must be made by jax.random.key(seed), but is {key!r}")
     if key.shape != ():
         raise ValueError(f"key must be one key, but is an array of keys of shape {key.shape}")
+
+
+def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:
+    """ValueError unless value is one of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, but is {value!r}")
+
+
+def check_count(name: str, value: Any) -> None:
+    """ValueError unless value is an integer of at least 1."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"{name} must be an integer of at least 1, but is {value!r}")
+
+
+def as_numbers(
+    name: str, values: Any, dtype: np.dtype, shape: tuple[int, ...], least: float = -np.inf
+) -> jax.Array:
+    """The values as an array of this type.
+
+    shape: what its last dimensions must be; any dimensions may lead.
+
+    Raises ValueError unless they are real numbers, and where they are known, finite and at least
+    `least`.
+    """
+    try:
+        array = values if isinstance(values, jax.Array) else np.asarray(values)
+        kind = array.dtype.kind
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of numbers, but is {values!r}") from None
+    if kind not in "bfiuV" or (kind == "V" and not jnp.issubdtype(array.dtype, jnp.floating)):
+        raise ValueError(f"{name} must be real numbers, but is {array.dtype}")
+    if array.shape[array.ndim - len(shape) :] != shape or array.ndim < len(shape):
+        expected = ", ".join(map(str, ("...", *shape)))
+        raise ValueError(f"{name} must have the shape [{expected}], but has {array.shape}")
+    if not isinstance(array, jax.core.Tracer):
+        known = np.asarray(array)
+        wrong = known[~(np.isfinite(known) & (known >= least))]
+        if wrong.size:
+            expected = "finite" if least == -np.inf else f"finite and at least {least:g}"
+            raise ValueError(
+                f"{name} must be {expected}, but {wrong.size} of its {known.size} values "
+                f"{'is' if wrong.size == 1 else 'are'} not: {', '.join(map(str, wrong[:5]))}"
+            )
+    return jnp.asarray(array, dtype)
 
 
 def _check_images(name: str, images: Any, expected: str, rank: int) -> None:

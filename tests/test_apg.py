@@ -17,7 +17,7 @@ def random_problem(seed: int, rows: int, columns: int, lam: float) -> apg.Proble
     """Votes that agree with the labels two times in three, every row and column once."""
     generator = np.random.default_rng(seed)
     labels = generator.choice([-1.0, 1.0], rows)
-    votes = labels * generator.choice([-1.0, 1.0], (columns, rows), p=[1 / 3, 2 / 3])
+    votes = labels[:, None] * generator.choice([-1.0, 1.0], (rows, columns), p=[1 / 3, 2 / 3])
     return apg.Problem(
         jnp.asarray(votes, jnp.float32),
         jnp.ones(columns),
@@ -33,7 +33,7 @@ solve = jax.jit(apg.solve, static_argnums=1)
 @given(seed=st.integers(0, 2**31), lam=lambdas)
 def test_objective_reaches_that_of_an_exact_solver(seed, lam):
     problem = random_problem(seed, 8, 20, lam)
-    phi, labels = np.asarray(problem.votes, float).T, np.asarray(problem.labels, float)
+    phi, labels = np.asarray(problem.votes, float), np.asarray(problem.labels, float)
     beta, noise = reference.solve_exactly(phi, labels, lam)
     best = reference.objective(phi, labels, lam, beta, noise)
     solution = solve(problem, 3000)
@@ -47,7 +47,7 @@ def test_at_the_optimum_the_objective_is_the_huber_form(seed, lam):
     problem = random_problem(seed, 8, 20, lam)
     solution = solve(problem, 3000)
     huber = reference.huber_objective(
-        np.asarray(problem.votes, float).T,
+        np.asarray(problem.votes, float),
         np.asarray(problem.labels, float),
         lam,
         np.asarray(solution.beta, float),
@@ -58,7 +58,7 @@ def test_at_the_optimum_the_objective_is_the_huber_form(seed, lam):
 @given(seed=st.integers(0, 2**31), lam=lambdas, iterations=st.sampled_from([1, 10, 30]))
 def test_iterates_are_those_of_the_reference(seed, lam, iterations):
     problem = random_problem(seed, 8, 20, lam)
-    phi, labels = np.asarray(problem.votes, float).T, np.asarray(problem.labels, float)
+    phi, labels = np.asarray(problem.votes, float), np.asarray(problem.labels, float)
     beta, noise = reference.fista(phi, labels, lam, iterations)
     solution = solve(problem, iterations)
     np.testing.assert_allclose(solution.beta, beta, atol=1e-5)
@@ -72,7 +72,7 @@ def test_equal_rows_and_columns_may_be_given_once_with_their_number(seed, lam, i
     counted = distinct._replace(
         weights=jnp.asarray(row_counts, jnp.float32), counts=jnp.asarray(column_counts, jnp.float32)
     )
-    votes = np.repeat(np.repeat(distinct.votes, row_counts, axis=1), column_counts, axis=0)
+    votes = np.repeat(np.repeat(distinct.votes, row_counts, axis=0), column_counts, axis=1)
     labels = np.repeat(distinct.labels, row_counts)
     written_out = apg.Problem(
         jnp.asarray(votes), jnp.ones(12), jnp.asarray(labels), jnp.ones(8), distinct.lam
@@ -101,3 +101,13 @@ def test_a_batch_of_problems_is_solved_at_once():
     solutions = jax.vmap(lambda problem: apg.solve(problem, 10))(batch)
     for number, problem in enumerate(problems):
         np.testing.assert_allclose(solutions.beta[number], solve(problem, 10).beta, atol=1e-5)
+
+
+def test_problems_may_differ_in_their_counts_only():
+    distinct = random_problem(0, 5, 6, 0.1)
+    counts = jnp.asarray(np.random.default_rng(0).integers(0, 5, (6, 3)), jnp.float32)
+    together = solve(distinct._replace(counts=counts), 10)
+    for number in range(3):
+        alone = solve(distinct._replace(counts=counts[:, number]), 10)
+        np.testing.assert_allclose(together.beta[:, number], alone.beta, atol=1e-6)
+        np.testing.assert_allclose(together.noise[:, number], alone.noise, atol=1e-6)

@@ -1,11 +1,12 @@
 """Accelerated proximal gradient for the selection problem (the paper's eq. 14 and 15).
 
-    min over beta >= 0, e of  sum_l w_l [(phi_l' beta + e_l - y_l)^2 + lam |e_l|] + lam sum_m beta_m
+    min over beta >= 0, e of
+        sum_l w_l [(phi_l' beta + e_l - y_l)^2 + lam_noise |e_l|] + lam sum_m beta_m
 
-with w the multiplicities of equal rows. It is the paper's ||W c - y||^2 + lam 1'c over c >= 0
-with W = [Phi I -I] and c = [beta e+ e-] (the paper prints argmax, argmin is meant), without ever
-building the identities: e+ and e- are never both positive at an optimum, so e = e+ - e- has a soft
-threshold.
+with w the multiplicities of equal rows. With lam_noise = lam it is the paper's
+||W c - y||^2 + lam 1'c over c >= 0 with W = [Phi I -I] and c = [beta e+ e-] (the paper prints
+argmax, argmin is meant), without ever building the identities: e+ and e- are never both positive at
+an optimum, so e = e+ - e- has a soft threshold.
 """
 
 from typing import NamedTuple
@@ -22,18 +23,20 @@ _SQUARINGS = 4
 class Problem(NamedTuple):
     """One selection problem; equal columns and equal rows may be given once, with their number.
 
-    votes: [M, L] real, a row for each distinct classifier (Phi transposed).
+    votes: [L, M] real, Phi: a column for each distinct classifier.
     counts: [M], how many classifiers vote like this, not negative; or [M, B], B problems at once
         with the same distinct classifiers, each with counts of its own.
     labels: [L] real. weights: [L], how many rows are like this, not negative.
-    lam: [], weight of the l1 penalty, not negative.
+    lam: [], weight of the l1 penalty on the coefficients, not negative.
+    lam_noise: [], weight of the l1 penalty on the noise, not negative; None: lam, as in the paper.
     """
 
-    votes: Float[Array, "M L"]
+    votes: Float[Array, "L M"]
     counts: Float[Array, "M *B"]
     labels: Float[Array, " L"]
     weights: Float[Array, " L"]
     lam: float | Float[Array, ""]
+    lam_noise: float | Float[Array, ""] | None = None
 
 
 class Solution(NamedTuple):
@@ -47,53 +50,71 @@ class Solution(NamedTuple):
     noise: Float[Array, "L *B"]
 
 
+class Carry(NamedTuple):
+    """Between two iterations: an iterate, the point it is extrapolated to, momentum t and step."""
+
+    now: Solution
+    ahead: Solution
+    momentum: Float[Array, ""]
+    step: Float[Array, "*B"]
+
+
 def solve(problem: Problem, iterations: int) -> Solution:
     """A fixed number of accelerated proximal gradient steps from zero.
 
     Started from zero, equal columns have equal gradients and so equal coefficients in every
     iterate: solving for the distinct ones with their counts is the same computation.
     """
-    votes, counts, labels, weights, lam = problem
-    step = 1 / (2 * (_eigenvalue_bound(problem) + 1))  # [] or [B]
+    return advance(problem, begin(problem, jnp.zeros_like(problem.counts)), iterations).now
+
+
+def begin(problem: Problem, beta: Float[Array, "M *B"]) -> Carry:
+    """The state before the first iteration, from these coefficients and no noise."""
+    noise = jnp.zeros((len(problem.labels), *beta.shape[1:]), beta.dtype)
+    first = Solution(beta, noise)
+    step = 1 / (2 * (eigenvalue_bound(problem) + 1))
+    return Carry(first, first, jnp.ones((), beta.dtype), step)
+
+
+def advance(problem: Problem, carry: Carry, iterations: int) -> Carry:
+    """A fixed number of iterations: calls in a row are one call with the sum of their numbers."""
+    votes, counts, labels, weights, lam, _ = problem
+    lam_noise = noise_penalty(problem)
+    step = carry.step
     labels, weights = (x.reshape(-1, *(1,) * step.ndim) for x in (labels, weights))
 
-    def iterate(carry: _Carry, _: None) -> tuple[_Carry, None]:
+    def iterate(carry: Carry, _: None) -> tuple[Carry, None]:
         ahead = carry.ahead
-        residual = votes.T @ (counts * ahead.beta) + ahead.noise - labels
-        beta = ahead.beta - step * (2 * (votes @ (weights * residual)) + lam)
+        residual = votes @ (counts * ahead.beta) + ahead.noise - labels
+        beta = ahead.beta - step * (2 * (votes.T @ (weights * residual)) + lam)
         noise = ahead.noise - 2 * step * residual
         now = Solution(
             beta=jnp.maximum(beta, 0),
-            noise=jnp.sign(noise) * jnp.maximum(jnp.abs(noise) - step * lam, 0),
+            noise=jnp.sign(noise) * jnp.maximum(jnp.abs(noise) - step * lam_noise, 0),
         )
         momentum = (1 + jnp.sqrt(1 + 4 * carry.momentum**2)) / 2
         inertia = (carry.momentum - 1) / momentum
         ahead = jax.tree.map(lambda x, last: x + inertia * (x - last), now, carry.now)
-        return _Carry(now, ahead, momentum), None
+        return Carry(now, ahead, momentum, step), None
 
-    zero = Solution(jnp.zeros_like(counts), jnp.zeros_like(labels * step))
-    first = _Carry(zero, zero, jnp.ones((), votes.dtype))
     # Unrolled once, the tracker's small problems take four fifths of the time.
-    return jax.lax.scan(iterate, first, length=iterations, unroll=2)[0].now
+    return jax.lax.scan(iterate, carry, length=iterations, unroll=2)[0]
+
+
+def noise_penalty(problem: Problem) -> float | Float[Array, ""]:
+    """The weight of the penalty on the noise: []."""
+    return problem.lam if problem.lam_noise is None else problem.lam_noise
 
 
 def objective(problem: Problem, solution: Solution) -> Float[Array, ""]:
     """Value of one problem at a solution: []."""
-    votes, counts, labels, weights, lam = problem
-    residual = (counts * solution.beta) @ votes + solution.noise - labels
-    per_row = residual**2 + lam * jnp.abs(solution.noise)
+    votes, counts, labels, weights, lam, _ = problem
+    residual = votes @ (counts * solution.beta) + solution.noise - labels
+    per_row = residual**2 + noise_penalty(problem) * jnp.abs(solution.noise)
     return weights @ per_row + lam * (counts @ solution.beta)
 
 
-class _Carry(NamedTuple):
-    """The loop of `solve`: an iterate, the point it is extrapolated to, and the momentum t."""
-
-    now: Solution
-    ahead: Solution
-    momentum: Float[Array, ""]
-
-
-def _eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
+def eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     """An upper bound of the largest eigenvalue of Phi' diag(w) Phi: [] or [B].
 
     tr(G^16)^(1/16), at most L^(1/16) times the eigenvalue, by squaring the small L x L Gram matrix
@@ -101,11 +122,11 @@ def _eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     times the eigenvalue in the mean and 1.15 at most). A power iteration comes from below instead:
     its step may be too long, and its error depends on the eigenvalues.
     """
-    scaled = problem.votes * jnp.sqrt(problem.weights)
+    scaled = problem.votes * jnp.sqrt(problem.weights)[:, None]
     if len(problem.labels) <= _FEW_ROWS:
-        products = (scaled[:, :, None] * scaled[:, None, :]).reshape(len(scaled), -1)
-        return jnp.sqrt(jnp.square(products.T @ problem.counts).sum(0))
-    gram = jnp.einsum("m...,ml,mk->...lk", problem.counts, scaled, scaled)
+        products = (scaled[:, None] * scaled).reshape(-1, scaled.shape[1])
+        return jnp.sqrt(jnp.square(products @ problem.counts).sum(0))
+    gram = jnp.einsum("m...,lm,km->...lk", problem.counts, scaled, scaled)
     log_bound = jnp.zeros(gram.shape[:-2], gram.dtype)
     for squaring in range(_SQUARINGS + 1):
         # Scaled by the trace, no power leaves the range of floats.

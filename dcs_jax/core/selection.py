@@ -43,8 +43,8 @@ def _l1(
     problems lie along the minor axis throughout.
     """
     rows, pool_size, *_ = votes.shape
-    bits = np.arange(2**rows)[:, None] >> np.arange(rows) & 1
-    patterns = jnp.asarray(np.where(bits, 1.0, -1.0), votes.dtype)  # [2^R, R]
+    bits = np.arange(2**rows) >> np.arange(rows)[:, None] & 1
+    patterns = jnp.asarray(np.where(bits, 1.0, -1.0), votes.dtype)  # [R, 2^R]
     codes = sum((row > 0).astype(jnp.int32) << bit for bit, row in enumerate(votes))
     codes = codes.reshape(pool_size, -1)  # [M, K * N], which pattern each classifier votes
     problems = codes.shape[1]
@@ -53,8 +53,8 @@ def _l1(
     problem = apg.Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
     beta = jnp.where(counts > 0, apg.solve(problem, config.iterations).beta, 0)  # [2^R, K * N]
     # Where the penalty leaves no classifier, the best correlated one stands in.
-    scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns.T)[:, None])
-    best = _near_maximum(jnp.where(counts > 0, scores, -jnp.inf))
+    scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns)[:, None])
+    best = is_maximum(jnp.where(counts > 0, scores, -jnp.inf))
     # Whether a classifier votes one of the best patterns is looked up in the bits of one number.
     bit = jnp.uint32(1) << jnp.arange(2**rows, dtype=jnp.uint32)[:, None]
     best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
@@ -71,11 +71,11 @@ def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*select
     first index among those without an error on this frame tracks, the least accumulated error
     among them loses the target.
     """
-    return _first(_near_maximum(scores))
+    return _first(is_maximum(scores))
 
 
-def _near_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
-    """Which scores are the greatest along the first axis, up to the tolerance: [M, ...]."""
+def is_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
+    """Which scores are maxima along the first axis, up to a relative tolerance: [M, ...]."""
     best = scores.max(0)
     return scores >= best - TIE_TOLERANCE * jnp.abs(best)
 

@@ -73,8 +73,16 @@ def fista(phi: Floats, y: Floats, lam: float, iterations: int) -> tuple[Floats, 
     return beta, e
 
 
-def solve_exactly(phi: Floats, y: Floats, lam: float) -> tuple[Floats, Floats]:
+def solve_exactly(
+    phi: Floats,
+    y: Floats,
+    lam: float,
+    lam_noise: float | None = None,
+    weights: Floats | None = None,
+) -> tuple[Floats, Floats]:
     """A minimiser beta [M], e [L], by a finite method that has nothing in common with `fista`.
+
+    lam_noise: the noise's own lambda. weights: [L] positive, how often each row counts.
 
     With W = [Phi I -I], c = [beta e+ e-] >= 0 the dual problem is to project y onto the polyhedron
     W't <= lambda / 2, and c are its multipliers. Least distance programming (Lawson and Hanson,
@@ -84,14 +92,21 @@ def solve_exactly(phi: Floats, y: Floats, lam: float) -> tuple[Floats, Floats]:
     Raises RuntimeError if the duality gap of the result is not 0 to rounding.
     """
     rows, columns = phi.shape
-    w = np.hstack([phi, np.eye(rows), -np.eye(rows)])
-    system = np.vstack([-w, w.T @ y - lam / 2])  # min ||z||, -W'z >= W'y - lambda / 2, z = t - y
-    target = np.append(np.zeros(rows), 1.0)
-    u, _ = nnls(system, target)
-    residual = target - system @ u
+    root = np.ones(rows) if weights is None else np.sqrt(weights)
+    noise_limit = root * (lam if lam_noise is None else lam_noise) / 2
+    limit = np.concatenate([np.full(columns, lam / 2), noise_limit, noise_limit])
+    w = np.hstack([root[:, None] * phi, np.eye(rows), -np.eye(rows)])
+    target = root * y
+    # min ||z||, -W'z >= W'y - limit, z = t - y
+    system = np.vstack([-w, w.T @ target - limit])
+    u, _ = nnls(system, np.append(np.zeros(rows), 1.0))
+    residual = np.append(np.zeros(rows), 1.0) - system @ u
     c = u / residual[-1]
-    beta, e = c[:columns], c[columns : columns + rows] - c[columns + rows :]
-    gap = duality_gap(phi, y, lam, beta, e)
-    if gap > 1e-8 * (1 + y @ y):
+    dual = target + residual[:-1] / -residual[-1]
+    violation = max(0.0, float((w.T @ dual - limit).max()))
+    value = float(((target - w @ c) ** 2).sum() + 2 * limit @ c)
+    gap = value - float(2 * target @ dual - dual @ dual)
+    if gap + violation * 2 * c.sum() > 1e-8 * (1 + target @ target):
         raise RuntimeError(f"the reference solution has a duality gap of {gap}")
-    return beta, e
+    beta, noise = c[:columns], c[columns : columns + rows] - c[columns + rows :]
+    return beta, noise / root

@@ -1,0 +1,40 @@
+"""jaxopt's proximal gradient on the selection problem as printed, to hold others against.
+
+It needs the package `jaxopt`, which the library does not depend on, and builds W = [Phi I -I].
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from dcs_jax.core.apg import Problem, noise_penalty
+from dcs_jax.core.stopping import Method
+
+
+def method(problem: Problem, start: Float[Array, " M"]) -> Method:
+    """The method with jaxopt's own step lengths, from these coefficients and no noise."""
+    import jaxopt
+
+    votes, counts, labels, weights, lam, _ = problem
+    rows, columns = votes.shape
+    root, identity = jnp.sqrt(weights), jnp.eye(rows, dtype=votes.dtype)
+    w = jnp.concatenate([counts * votes, identity, -identity], axis=1)
+    noise = jnp.tile(noise_penalty(problem) * weights, 2)
+    penalty = jnp.concatenate([lam * counts, noise])
+
+    def squares(c: Float[Array, " unknowns"]) -> Float[Array, ""]:
+        return jnp.sum((root * (w @ c - labels)) ** 2)
+
+    solver = jaxopt.ProximalGradient(squares, jaxopt.prox.prox_non_negative_lasso, tol=0.0)
+    first = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])
+
+    def once(carry: Any, _: None) -> tuple[Any, None]:
+        return tuple(solver.update(*carry, hyperparams_prox=penalty)), None
+
+    return Method(
+        (first, solver.init_state(first, hyperparams_prox=penalty)),
+        lambda carry, iterations: jax.lax.scan(once, carry, length=iterations)[0],
+        lambda carry: (carry[0][:columns], None),
+    )

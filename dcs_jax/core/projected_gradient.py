@@ -1,0 +1,30 @@
+"""The plain projected gradient method for the selection problem, to compare others with.
+
+It minimises the form in which the noise is eliminated (`certificate`): over beta >= 0 alone, with
+the gradient lam - 2 Phi' W clip(y - Phi beta, -t, t).
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from dcs_jax.core.apg import Problem, eigenvalue_bound, noise_penalty
+from dcs_jax.core.stopping import Method
+
+
+def method(problem: Problem, start: Float[Array, " M"]) -> Method:
+    """The method from these coefficients; its state is the coefficients."""
+    votes, counts, labels, weights, lam, _ = problem
+    limit = noise_penalty(problem) / 2
+    step = 1 / (2 * jnp.maximum(eigenvalue_bound(problem), jnp.finfo(start.dtype).tiny))
+
+    def once(beta: Float[Array, " M"], _: None) -> tuple[Float[Array, " M"], None]:
+        clipped = jnp.clip(labels - votes @ (counts * beta), -limit, limit)
+        gradient = lam - 2 * ((weights * clipped) @ votes)
+        return jnp.maximum(beta - step * gradient, 0), None
+
+    return Method(
+        start,
+        lambda beta, iterations: jax.lax.scan(once, beta, length=iterations)[0],
+        lambda beta: (beta, None),
+    )
