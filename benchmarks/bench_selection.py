@@ -15,6 +15,7 @@ import pytest
 from dcs_jax import select_classifiers
 
 LAM = 0.01
+pytestmark = pytest.mark.filterwarnings("ignore:JAXopt is no longer maintained:DeprecationWarning")
 
 
 def problems(number: int, rows: int, columns: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +115,7 @@ def _skglm(tol: float):
 # Tolerances are in units of each package: the loosest powers of ten with a gap of at most 1e-4.
 @pytest.mark.parametrize(
     ("make", "tol"),
-    [(_sklearn, 1e-6), (_celer, 1e-6), (_skglm, 1e-7)],
+    [(_sklearn, 1e-5), (_celer, 1e-5), (_skglm, 1e-6)],
     ids=["sklearn", "celer", "skglm"],
 )
 def test_one_by_one_of_100_x_200(benchmark, make, tol):

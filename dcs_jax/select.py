@@ -24,10 +24,10 @@ Penalty = float | jax.Array | np.ndarray
 _EVERY = {"apg": 10, "interior": 1, "projected_gradient": 10, "jaxopt": 10}
 _MOST = {"apg": 20_000, "interior": 50, "projected_gradient": 20_000, "jaxopt": 20_000}
 
-# Problems are solved in blocks of about this many votes: 100 of 100 x 200 take 155 ms one by one,
-# 180 in tens and 310 all at once, where the slowest keeps the others waiting; 100 of 5 x 200 take
-# 24 ms one by one, 9 in twenties.
-_BLOCK = 20_000
+# Problems are solved in blocks of about this many votes. By the interior point method, 100 of
+# 100 x 200 take 155 ms one by one, 180 in tens and 310 all at once, where the slowest keeps the
+# others waiting; 30 iterations of apg on 100 of 5 x 200 take 2.5 ms in twenties, 1.5 all at once.
+_BLOCK = {"apg": 200_000, "interior": 20_000, "projected_gradient": 200_000, "jaxopt": 20_000}
 
 
 class Selection(NamedTuple):
@@ -122,7 +122,6 @@ def select_classifiers(
     double = getattr(votes, "dtype", None) == np.float64 and jax.config.read("jax_enable_x64")
     dtype = jnp.dtype("float64" if double else "float32")
     weights = np.ones(rows, np.float32) if weights is None else weights
-    start = np.zeros(columns, np.float32) if start is None else start
     lam_noise = lam if lam_noise is None else lam_noise
     problems = _Problems(
         as_numbers("votes", votes, dtype, (rows, columns)),
@@ -130,7 +129,13 @@ def select_classifiers(
         as_numbers("weights", weights, dtype, (rows,), least=0),
         as_numbers("lam", lam, dtype, (), least=0),
         as_numbers("lam_noise", lam_noise, dtype, (), least=0),
-        as_numbers("start", start, dtype, (columns,), least=0),
+        as_numbers(
+            "start",
+            np.zeros(columns, np.float32) if start is None else start,
+            dtype,
+            (columns,),
+            least=0,
+        ),
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
@@ -145,6 +150,7 @@ def select_classifiers(
         solver=solver,
         most=_MOST[solver] if max_iterations is None else max_iterations,
         fixed=tol is None,
+        started=start is not None,
         tie=tie,
     )
 
@@ -198,7 +204,7 @@ _METHODS: dict[str, Callable[[apg.Problem, Float[Array, " M"]], Method]] = {
 }
 
 
-@functools.partial(jax.jit, static_argnames=("solver", "most", "fixed", "tie"))
+@functools.partial(jax.jit, static_argnames=("solver", "most", "fixed", "started", "tie"))
 def _select(
     problems: _Problems,
     tol: Float[Array, ""],
@@ -208,6 +214,7 @@ def _select(
     solver: str,
     most: int,
     fixed: bool,
+    started: bool,
     tie: str,
 ) -> Selection:
     """`select_classifiers` of checked arguments, compiled."""
@@ -221,9 +228,10 @@ def _select(
         problem = apg.Problem(
             one.votes, jnp.ones_like(one.start), one.labels, one.weights, one.lam, one.lam_noise
         )
-        return iterate(problem, _METHODS[solver](problem, one.start), one.start, tol, most, every)
+        method = _METHODS[solver](problem, one.start)
+        return iterate(problem, method, one.start if started else None, tol, most, every)
 
-    block = max(1, _BLOCK // (rows * columns))
+    block = max(1, _BLOCK[solver] // (rows * columns))
     with jax.default_matmul_precision("highest"):
         found = jax.lax.map(solve, flat, batch_size=min(block, flat.lam.size))
         correlation = jnp.einsum("blm,bl->bm", flat.votes, flat.weights * flat.labels)

@@ -123,10 +123,13 @@ def eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     its step may be too long, and its error depends on the eigenvalues.
     """
     scaled = problem.votes * jnp.sqrt(problem.weights)[:, None]
+    if problem.counts.ndim == 1:
+        gram = (scaled * problem.counts) @ scaled.T
+    else:
+        products = scaled[:, None] * scaled  # [L, L, M]
+        gram = jnp.moveaxis(products @ problem.counts, -1, 0)
     if len(problem.labels) <= _FEW_ROWS:
-        products = (scaled[:, None] * scaled).reshape(-1, scaled.shape[1])
-        return jnp.sqrt(jnp.square(products @ problem.counts).sum(0))
-    gram = jnp.einsum("m...,lm,km->...lk", problem.counts, scaled, scaled)
+        return jnp.sqrt(jnp.square(gram).sum((-2, -1)))
     log_bound = jnp.zeros(gram.shape[:-2], gram.dtype)
     for squaring in range(_SQUARINGS + 1):
         # Scaled by the trace, no power leaves the range of floats.

@@ -49,6 +49,7 @@ class _Carry(NamedTuple):
 
     state: Any
     beta: Float[Array, " M"]
+    noise: Float[Array, " L"]
     objective: Float[Array, ""]
     bound: Float[Array, ""]
     iterations: Int32[Array, ""]
@@ -58,28 +59,32 @@ class _Carry(NamedTuple):
 def iterate(
     problem: Problem,
     method: Method,
-    start: Float[Array, " M"],
+    start: Float[Array, " M"] | None,
     tol: float | Float[Array, ""],
     max_iterations: int,
     every: int,
 ) -> Outcome:
     """Run a method until the gap is at most tol, or for a number of iterations.
 
-    start: [M], coefficients to fall back on; with those of beta = 0 they are looked at first.
+    start: [M], coefficients to fall back on, looked at first beside beta = 0; or None.
     every: iterations between two looks at the gap; `max_iterations` is rounded up to it.
 
     A method whose numbers are no longer finite ends, with the best it had.
     """
-    at_zero, at_start = (certify(problem, beta) for beta in (jnp.zeros_like(start), start))
+    zero = jnp.zeros_like(problem.counts)
+    at_zero = certify(problem, zero)
     scale = SMALLEST_OBJECTIVE * at_zero.objective
     first = _Carry(
         method.first,
-        jnp.where(at_start.objective < at_zero.objective, start, 0),
-        jnp.minimum(at_start.objective, at_zero.objective),
-        jnp.maximum(at_start.bound, at_zero.bound),
+        zero,
+        at_zero.noise,
+        at_zero.objective,
+        at_zero.bound,
         jnp.zeros((), jnp.int32),
         jnp.ones((), bool),
     )
+    if start is not None:
+        first = _better(first, start, certify(problem, start))
 
     def gap(carry: _Carry) -> Float[Array, ""]:
         largest = jnp.maximum(jnp.maximum(carry.objective, scale), jnp.finfo(scale.dtype).tiny)
@@ -91,17 +96,23 @@ def iterate(
     def advance(carry: _Carry) -> _Carry:
         state = method.advance(carry.state, every)
         beta, theta = method.solution(state)
-        known: Certificate = certify(problem, beta, theta)
-        better = known.objective < carry.objective
-        return _Carry(
-            state,
-            jnp.where(better, beta, carry.beta),
-            jnp.where(better, known.objective, carry.objective),
-            jnp.where(known.bound > carry.bound, known.bound, carry.bound),
-            carry.iterations + every,
-            jnp.isfinite(known.objective),
+        known = certify(problem, beta, theta)
+        return _better(carry, beta, known)._replace(
+            state=state,
+            iterations=carry.iterations + every,
+            finite=jnp.isfinite(known.objective),
         )
 
     last = jax.lax.while_loop(unfinished, advance, first)
-    noise = certify(problem, last.beta).noise
-    return Outcome(last.beta, noise, last.objective, gap(last), last.iterations)
+    return Outcome(last.beta, last.noise, last.objective, gap(last), last.iterations)
+
+
+def _better(carry: _Carry, beta: Float[Array, " M"], known: Certificate) -> _Carry:
+    """The loop with these coefficients where they are better than the best so far."""
+    better = known.objective < carry.objective
+    return carry._replace(
+        beta=jnp.where(better, beta, carry.beta),
+        noise=jnp.where(better, known.noise, carry.noise),
+        objective=jnp.where(better, known.objective, carry.objective),
+        bound=jnp.where(known.bound > carry.bound, known.bound, carry.bound),
+    )
