@@ -85,7 +85,7 @@ def evaluate(
 
     Results are written as they finish, and those that are there already are reused where setting,
     code and data are the same; so an interrupted evaluation is continued by calling it again.
-    `dcs_jax.evaluation.report.write_report([out])` makes a page of them.
+    `dcs_jax.evaluation.report.write_report(done.summary, path)` makes a page of them.
 
     Args:
         root: folder of sequences in the layout of OTB, MIL, VOT or GOT-10k, or of videos with a
