@@ -1,6 +1,6 @@
-"""What each ingredient of the paper's setting is worth: one change at a time, on the same seeds.
+"""What each ingredient of a setting is worth: one change at a time, on the same seeds.
 
-    python -m benchmarks.ablation ../shared/sequences --seeds 10 --out ablation
+    python -m benchmarks.ablation ROOT --base 'paper canvas=40' --seeds 10 --out ablation
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. Results are kept in --out, so that the
 command can be stopped and given again. Prints Markdown; --page also writes the report.
@@ -9,14 +9,13 @@ command can be stopped and given again. Prints Markdown; --page also writes the 
 import argparse
 from pathlib import Path
 
-import dcs_jax
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.evaluate import ProgressBar
 from dcs_jax.evaluation import evaluate
+from dcs_jax.evaluation.settings import parse_setting
 from dcs_jax.evaluation.statistics import paired
 from dcs_jax.evaluation.summary import Summary, per_seed
 
-BASE = "paper"
 INGREDIENTS = {
     "selector": ["selector=l1", "selector=error", "selector=first", "selector=mil"],
     "parts": ["parts=5", "parts=1"],
@@ -32,6 +31,7 @@ def main() -> None:
     """Run every setting that differs from the base in one ingredient, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("root", type=Path)
+    parser.add_argument("--base", default="paper", help="the setting that is changed")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sequences", help="names with commas between (default: all)")
     parser.add_argument("--out", type=Path, default=Path("ablation"))
@@ -40,7 +40,8 @@ def main() -> None:
     if arguments.seeds < 2:
         parser.error("--seeds must be at least 2: differences are tested on pairs of seeds")
     keep_compiled_programs()
-    settings = [BASE, *(f"{BASE} {change}" for change in changes())]
+    base = arguments.base
+    settings = [base, *(f"{base} {change}" for change in changes(base))]
     with ProgressBar() as bar:
         done = evaluate(
             arguments.root,
@@ -54,26 +55,26 @@ def main() -> None:
         print(f"skipped {broken.name}: {broken.reason}")
     if done.interrupted:
         raise SystemExit("interrupted: the same command goes on from here")
-    print(table(done.summary))
+    print(table(done.summary, base))
     if arguments.page:
         from dcs_jax.evaluation.report import write_report
 
         print(write_report(done.summary, arguments.out / "index.html"))
 
 
-def changes() -> list[str]:
+def changes(base: str) -> list[str]:
     """The changes that are no field of the base as it is."""
-    base = dcs_jax.Config.paper()
+    config = parse_setting(base).config("")
     named = (change for group in INGREDIENTS.values() for change in group)
-    return [c for c in named if str(getattr(base, c.split("=")[0])) != c.split("=")[1]]
+    return [c for c in named if str(getattr(config, c.split("=")[0])) != c.split("=")[1]]
 
 
-def table(summary: Summary) -> str:
+def table(summary: Summary, base: str) -> str:
     """Each ingredient's choices: means, and the difference from the base on the same seeds."""
     sequences = len({sequence for sequence, _ in summary.common})
-    base = per_seed(summary, BASE)
+    of_base = per_seed(summary, base)
     lines = [
-        f"Base: `{BASE}`; {len(base)} seeds, mean over {sequences} sequences. Differences from the "
+        f"Base: `{base}`; {len(of_base)} seeds, mean over {sequences} sequences. Differences from the "
         "base are on the same seeds, with the 95 % interval and p by permutation of signs.",
         "",
         "| ingredient | choice | centre error, px | success rate | difference, px | p "
@@ -82,9 +83,9 @@ def table(summary: Summary) -> str:
     ]
     for ingredient, choices in INGREDIENTS.items():
         for choice in choices:
-            setting = f"{BASE} {choice}"
+            setting = f"{base} {choice}"
             is_base = setting not in summary.overall
-            numbers = summary.overall[BASE if is_base else setting]
+            numbers = summary.overall[base if is_base else setting]
             cells = [ingredient, f"`{choice}`" + (" (base)" if is_base else "")]
             cells += [f"{numbers['centre_error'].mean:.1f}", f"{numbers['success_rate'].mean:.3f}"]
             for metric, digits in (("centre_error", 1), ("success_rate", 3)):
@@ -92,8 +93,8 @@ def table(summary: Summary) -> str:
                     cells += ["", ""]
                     continue
                 other = per_seed(summary, setting)
-                seeds = sorted(base.keys() & other.keys())
-                values = ([getattr(s[seed], metric) for seed in seeds] for s in (other, base))
+                seeds = sorted(of_base.keys() & other.keys())
+                values = ([getattr(s[seed], metric) for seed in seeds] for s in (other, of_base))
                 test = paired(*values)
                 cells.append(
                     f"{test.difference:+.{digits}f} ({test.low:+.{digits}f} to "
