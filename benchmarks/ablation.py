@@ -74,8 +74,8 @@ def table(summary: Summary, base: str) -> str:
     sequences = len({sequence for sequence, _ in summary.common})
     of_base = per_seed(summary, base)
     lines = [
-        f"Base: `{base}`; {len(of_base)} seeds, mean over {sequences} sequences. Differences from the "
-        "base are on the same seeds, with the 95 % interval and p by permutation of signs.",
+        f"Base: `{base}`; {len(of_base)} seeds, mean over {sequences} sequences. Differences from "
+        "it are on the same seeds, with the 95 % interval and p by permutation of signs.",
         "",
         "| ingredient | choice | centre error, px | success rate | difference, px | p "
         "| difference, success | p |",
