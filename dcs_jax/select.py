@@ -91,7 +91,9 @@ def select_classifiers(
         a tolerance it is rounded up to the iterations between two looks at the gap: 1 and 10.
     tie: which of several largest coefficients, equal within a relative tolerance of 1e-3, is
         taken: "first", the first one; "error", the one of least `errors` [..., M]; "random", any
-        with the same probability, drawn with the random key `key`.
+        with the same probability, drawn with the random key `key`. In the tracker (paper setting on
+        the canvas, seven sequences, 10 seeds) the success rate is 0.88 with "first", 0.61 with
+        "error", which takes the same few classifiers frame after frame, and 0.89 with "random".
     start: [..., M] not negative, coefficients to start from, such as those for another lambda.
         "interior" starts from its own; it only returns these if they are good enough already.
 
