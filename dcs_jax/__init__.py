@@ -1,5 +1,6 @@
 """Follow any box through a video: online boosting with l1-selected classifiers, in JAX."""
 
+from dcs_jax.batch import track_batch
 from dcs_jax.config import Config
 from dcs_jax.select import Selection, select_classifiers
 from dcs_jax.sequence import track_chunk, track_sequence
@@ -16,6 +17,7 @@ __all__ = [
     "score",
     "select_classifiers",
     "step",
+    "track_batch",
     "track_chunk",
     "track_sequence",
 ]

@@ -22,6 +22,23 @@ def check_frames(frames: Any) -> None:
     _check_images("frames", frames, "[T, H, W] grey or [T, H, W, 3] RGB", rank=3)
 
 
+def check_videos(frames: Any) -> bool:
+    """Whether frames are many videos, [B, T, H, W] or [B, T, H, W, 3], and not one.
+
+    Four axes with 3 at the end are one RGB video.
+
+    Raises ValueError unless frames is a uint8 array of one or the other, with no empty side.
+    """
+    many = getattr(frames, "ndim", 0) == 5 or (
+        getattr(frames, "ndim", 0) == 4 and frames.shape[-1] != 3
+    )
+    if not many:
+        check_frames(frames)
+        return False
+    _check_images("frames", frames, "[B, T, H, W] grey or [B, T, H, W, 3] RGB", rank=4)
+    return True
+
+
 def check_frame(frame: Any) -> None:
     """ValueError unless frame is a uint8 array, [H, W] or [H, W, 3], with no empty side."""
     _check_images("frame", frame, "[H, W] grey or [H, W, 3] RGB", rank=2)
@@ -58,6 +75,39 @@ def check_box(box: BoxLike, frame_shape: tuple[int, ...]) -> None:
             f"box must lie at least partly in the frame of {width} x {height} pixels, "
             f"but {_text(values)} is wholly outside"
         )
+
+
+def check_boxes(boxes: Any, frame_shape: tuple[int, ...]) -> np.ndarray:
+    """The boxes as an array [B, 4] float32; ValueError unless each is one for `check_box`."""
+    expected = "boxes must be [B, 4], x, y, w, h in pixels of at least one box"
+    try:
+        values = np.asarray(boxes, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{expected}, but is {boxes!r}") from None
+    if values.ndim != 2 or values.shape[1] != 4 or not len(values):
+        raise ValueError(f"{expected}, but has the shape {values.shape}")
+    for number, box in enumerate(values):
+        try:
+            check_box(box, frame_shape)
+        except ValueError as error:
+            raise ValueError(f"boxes[{number}]: {error}") from None
+    return values.astype(np.float32)
+
+
+def check_keys(keys: Any, count: int) -> jax.Array:
+    """One key or `count` of them, by default the key 0; ValueError where they are anything else."""
+    if keys is None:
+        return jax.random.key(0)
+    if isinstance(keys, jax.Array) and keys.shape == (count,):
+        check_key(keys[0])
+        return keys
+    if isinstance(keys, jax.Array) and keys.ndim:
+        raise ValueError(
+            f"keys must be one key for all {count} boxes or one for each, but has the shape "
+            f"{keys.shape}"
+        )
+    check_key(keys)
+    return keys
 
 
 def check_key(key: Any) -> None:

@@ -149,6 +149,25 @@ class Config:
         return dataclasses.replace(self, canvas=canvas, window_factor=factor, window_minimum=0.0)
 
 
+def resolve_all(config: Config, boxes: np.ndarray) -> Config:
+    """The same settings with the shapes that depend on the boxes [B, 4] fixed.
+
+    Raises ValueError where they are not the same for all boxes, as one program serves them all.
+    """
+    if not isinstance(config, Config):
+        raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
+    one, *others = (config.resolve(box) for box in boxes)
+    for number, other in enumerate(others, 1):
+        if (other.canvas, other.window_factor) != (one.canvas, one.window_factor):
+            sizes = [f"{box[2]:g} x {box[3]:g}" for box in (boxes[0], boxes[number])]
+            raise ValueError(
+                f"canvas={config.canvas!r} with window_minimum={config.window_minimum} takes its "
+                f"shape from the box, but boxes[0] has {sizes[0]} pixels and boxes[{number}] "
+                f"{sizes[1]}: expected boxes of one size, or a canvas of a number of cells"
+            )
+    return one
+
+
 @dataclasses.dataclass(frozen=True)
 class Grid:
     """Cells of the object (rows x columns) and of the window's margin on each side of it."""

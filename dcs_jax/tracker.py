@@ -16,23 +16,27 @@ from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import ColumnSums, column_sums, window_integral
-from dcs_jax.types import BoxLike, Frame, ImageLike, Pool, State, StepInfo, Strong, Weak
+from dcs_jax.types import BoxLike, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
-def init(frame: ImageLike, box: BoxLike, key: jax.Array, config: Config) -> State:
+def init(
+    frame: ImageLike | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
+) -> State:
     """Start a track: draw the features and learn the object from its first frame.
 
-    frame: [H, W] grey or [H, W, 3] RGB, uint8. box: [4], x, y, w, h in pixels, float32.
-    key: decides the features, and with them everything else.
+    frame: [H, W] grey or [H, W, 3] RGB, uint8; or its `column_sums`, which all tracks of one video
+        can share.
+    box: [4], x, y, w, h in pixels, float32.
+    key: decides the features, and with them everything else; or the features themselves.
     config: with canvas="native", as `config.resolve(box)` gives it.
 
     Raises ValueError where shapes, types or the box are not as stated.
     """
-    frame = _checked(frame)
-    check_box(box, frame.shape)
+    sums = _sums(frame)
+    check_box(box, sums.shape)
     box = jnp.asarray(box, jnp.float32)
-    pool = draw_pool(key, config)
-    values = _training_responses(column_sums(frame), box, pool, config)
+    pool = key if isinstance(key, Pool) else draw_pool(key, config)
+    values = _training_responses(sums, box, pool, config)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
@@ -41,36 +45,39 @@ def init(frame: ImageLike, box: BoxLike, key: jax.Array, config: Config) -> Stat
     return State(box, pool, *_learn(values, weak, config))
 
 
-def step(state: State, frame: ImageLike, config: Config) -> tuple[State, StepInfo]:
+def step(
+    state: State, frame: ImageLike | ColumnSums, config: Config
+) -> tuple[State, StepInfo]:
     """Follow the object into the next frame (Algorithm 1) and learn it there.
 
-    frame: [H, W] grey or [H, W, 3] RGB, uint8, of the same size as before.
+    frame: as given to `init`, of the same size as before.
     config: as given to `init`; its numbers may change from frame to frame.
     """
-    frame = _checked(frame)
-    sums = column_sums(frame)
+    sums = _sums(frame)
     # Lines 1-3: where in the window around its last place is the object most likely?
     confidence = _look(state, sums, config)
-    displacement = find_peak(confidence.evidence, state.box, frame.shape, config)
-    box = _move(state.box, displacement, frame.shape, config.grid)
+    displacement = find_peak(confidence.evidence, state.box, sums.shape, config)
+    box = _move(state.box, displacement, sums.shape, config.grid)
     # Line 4: the patches there and around are the new training rows (Algorithm 2).
     values = _training_responses(sums, box, state.pool, config)
     weak, strong = _learn(values, state.weak, config)
     return State(box, state.pool, weak, strong), _info(box, confidence, displacement, config.grid)
 
 
-def score(state: State, frame: ImageLike, config: Config) -> StepInfo:
+def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepInfo:
     """What the classifiers make of a frame at the place where the state has its box.
 
     After `init` this is the first row of a track, whose box is given and not searched for.
     """
-    confidence = _look(state, column_sums(_checked(frame)), config)
+    confidence = _look(state, _sums(frame), config)
     return _info(state.box, confidence, jnp.zeros(2, jnp.float32), config.grid)
 
 
-def _checked(frame: ImageLike) -> Frame:
+def _sums(frame: ImageLike | ColumnSums) -> ColumnSums:
+    if isinstance(frame, ColumnSums):
+        return frame
     check_frame(frame)
-    return jnp.asarray(frame)
+    return column_sums(jnp.asarray(frame))
 
 
 def _look(state: State, sums: ColumnSums, config: Config) -> ConfidenceMap:

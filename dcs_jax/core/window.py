@@ -38,6 +38,11 @@ class ColumnSums(NamedTuple):
     grey: Int32[Array, "H W"]
     above: Int32[Array, "H W"]
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(H, W)."""
+        return self.grey.shape
+
 
 def column_sums(frame: Frame) -> ColumnSums:
     """Grey values and their sums down the columns, of a uint8 frame [H, W] or [H, W, 3] (RGB)."""

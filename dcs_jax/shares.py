@@ -1,0 +1,157 @@
+"""Slots dealt out to the cores of a CPU or to the devices of a mesh, which run one program each.
+
+XLA runs a program of small loops on one core of a CPU, also where halves of it are independent:
+there each share of the slots has a thread of its own. On a mesh it is JAX's sharding that deals.
+"""
+
+import functools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.experimental import multihost_utils
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+Tree = TypeVar("Tree")
+# Of the states [S, ...], what else there is for each slot [S, ...], and what there is for all: the
+# new states, which take the memory of the old, and results [S, ...].
+Program = Callable[[Any, Any, Any], tuple[Any, Any]]
+
+AXIS = "batch"  # of the mesh
+
+# One thread for the products of a step: the cores are busy with a share of the slots each.
+_OPTIONS: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False}
+
+
+class Shares:
+    """How S slots are dealt out.
+
+    size: S and what is added to it, so that all shares have one size and with it one program.
+    seconds: spent in programs so far, without their compilation.
+    """
+
+    def __init__(self, slots: int, mesh: Mesh | None = None) -> None:
+        """Shares for the devices along the axis "batch" of a mesh, or for the cores of a CPU."""
+        if mesh is not None and AXIS not in mesh.axis_names:
+            raise ValueError(
+                f'mesh must have an axis "{AXIS}", as jax.make_mesh((n,), ("{AXIS}",)) has, '
+                f"but has {mesh.axis_names}"
+            )
+        self._mesh = mesh
+        cores = _cores() if jax.default_backend() == "cpu" else 1
+        self._parts = min(cores, slots) if mesh is None else mesh.shape[AXIS]
+        self._slots = slots
+        self.size = slots + -slots % self._parts
+        self.seconds = 0.0
+
+    def deal(self, each: Tree) -> list[Tree]:
+        """What each share gets of arrays [S, ...], those of the added slots like the last one."""
+        filled = jax.tree.map(self._fill, each)
+        if self._mesh is not None:
+            return [jax.tree.map(functools.partial(self._put, PartitionSpec(AXIS)), filled)]
+        length = self.size // self._parts
+
+        def part(share: int) -> Tree:
+            rows = slice(share * length, (share + 1) * length)
+            return jax.tree.map(lambda leaf: jnp.asarray(leaf[rows]), filled)
+
+        return [part(share) for share in range(self._parts)]
+
+    def to_all(self, common: Tree) -> Tree:
+        """Arrays that every share gets whole."""
+        put = functools.partial(self._put, PartitionSpec())
+        return jax.tree.map(jnp.asarray if self._mesh is None else put, common)
+
+    def run(
+        self, program: Program, states: list[Any], each: list[Any], common: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Run a program on all shares at once: their new states and their results."""
+        calls = [(state, one, common) for state, one in zip(states, each, strict=True)]
+        # One after the other: the shares have the same program.
+        compiled = [_compiled(program, self._mesh, call) for call in calls]
+        begin = perf_counter()
+        if len(calls) == 1:
+            done = [compiled[0](*calls[0])]
+            jax.block_until_ready(done)
+        else:
+            done = list(_threads().map(_run, compiled, calls))
+        self.seconds += perf_counter() - begin
+        return [state for state, _ in done], [result for _, result in done]
+
+    def collect(self, results: list[Tree]) -> Tree:
+        """The results of all shares on the host: NumPy arrays [S, ...], in every process."""
+
+        def whole(*leaves: Any) -> Any:
+            if not leaves[0].is_fully_addressable:
+                return multihost_utils.process_allgather(leaves[0], tiled=True)[: self._slots]
+            return np.concatenate([np.asarray(leaf) for leaf in leaves])[: self._slots]
+
+        return jax.tree.map(whole, *results)
+
+    def _fill(self, leaf: Any) -> Any:
+        if len(leaf) == self.size:
+            return leaf
+        return leaf[np.minimum(np.arange(self.size), len(leaf) - 1)]
+
+    def _put(self, spec: PartitionSpec, leaf: Any) -> jax.Array:
+        """The same array, known to this process, on the devices of all processes."""
+        sharding = NamedSharding(self._mesh, spec)
+        if sharding.is_fully_addressable:
+            return jax.device_put(leaf, sharding)
+        if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            data = self._put(spec, jax.random.key_data(leaf))
+            return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
+        # Unlike `device_put`, this does not have the processes compare what they have.
+        values = np.asarray(leaf)
+        return jax.make_array_from_callback(values.shape, sharding, lambda index: values[index])
+
+
+def _run(program: Any, arguments: tuple[Any, ...]) -> Any:
+    return jax.block_until_ready(program(*arguments))
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_cores(), "dcs_jax")
+
+
+def _cores() -> int:
+    """The cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+_programs: dict[Any, Any] = {}
+
+
+def _compiled(program: Program, mesh: Mesh | None, arguments: tuple[Any, ...]) -> Any:
+    """The program for arguments of these shapes, compiled once, in no thread and not on the clock.
+
+    It holds no communication between the devices: each maps over the slots it has.
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    key = (program, mesh, structure, *map(_kind, leaves))
+    if key not in _programs:
+        function = program
+        if mesh is not None:
+            each, common = PartitionSpec(AXIS), PartitionSpec()
+            function = jax.shard_map(
+                program,
+                mesh=mesh,
+                in_specs=(each, each, common),
+                out_specs=each,
+                check_vma=False,
+            )
+        jitted = jax.jit(function, donate_argnums=0, compiler_options=_OPTIONS)
+        _programs[key] = jitted.lower(*arguments).compile()
+    return _programs[key]
+
+
+def _kind(leaf: jax.Array) -> tuple[Any, ...]:
+    """What a program depends on of an argument."""
+    return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False), leaf.sharding
