@@ -4,14 +4,17 @@ from dcs_jax.batch import track_batch
 from dcs_jax.config import Config
 from dcs_jax.select import Selection, select_classifiers
 from dcs_jax.sequence import track_chunk, track_sequence
+from dcs_jax.stream import Chunk, Stream, track_stream
 from dcs_jax.tracker import init, score, step
 from dcs_jax.types import State, StepInfo, Track
 
 __all__ = [
+    "Chunk",
     "Config",
     "Selection",
     "State",
     "StepInfo",
+    "Stream",
     "Track",
     "init",
     "score",
@@ -20,6 +23,7 @@ __all__ = [
     "track_batch",
     "track_chunk",
     "track_sequence",
+    "track_stream",
 ]
 
 __version__ = "0.1.0"

@@ -9,7 +9,7 @@ from jax.sharding import Mesh
 
 from dcs_jax.checks import check_boxes, check_keys, check_videos
 from dcs_jax.config import Config, resolve_all
-from dcs_jax.slots import Slots, chunk_length
+from dcs_jax.slots import Slots
 from dcs_jax.types import BoxLike, ImageLike, Track
 
 
@@ -60,25 +60,11 @@ def track_batch(
     keys = check_keys(keys, B)
     slots = Slots(B, frame_shape, keys, resolve_all(config, boxes), mesh, videos)
 
-    def between(begin: int, end: int) -> ImageLike:
-        return frames[:, begin:end] if videos else frames[begin:end]
-
     first = frames[:, 0] if videos else frames[0]
-    parts = [(slots.start(first, boxes, np.ones(B, bool)), 1)]
-    length = chunk_length(first.nbytes)
-    for begin in range(1, T, length):
-        count = min(length, T - begin)
-        chunk = _filled(between(begin, begin + count), length, axis=1 if videos else 0)
-        parts.append((slots.follow(chunk, count), count))
-    rows = [slots.rows(infos, count) for infos, count in parts]
-    # Fields and their order are those of the records.
+    parts = [slots.start(first, boxes, np.ones(B, bool))]
+    for begin in range(1, T, slots.length):
+        chunk = slice(begin, begin + slots.length)
+        parts.append(slots.follow(frames[:, chunk] if videos else frames[chunk]))
+    rows = map(slots.rows, parts)
+    # The fields of a track are those of a record, in the same order.
     return Track(*jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves, 1)), *rows))
-
-
-def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
-    """Any frames added after the last, as chunks of one length have one program."""
-    missing = length - frames.shape[axis]
-    if not missing:
-        return frames
-    widths = [(0, missing) if dim == axis else (0, 0) for dim in range(frames.ndim)]
-    return np.pad(frames, widths) if isinstance(frames, np.ndarray) else jnp.pad(frames, widths)

@@ -30,9 +30,14 @@ CHUNK_BYTES = 2**28  # fewer frames a chunk where they are very large
 _BLOCK = 4
 
 
-def chunk_length(frame_bytes: int) -> int:
-    """Frames in a chunk, of frames of this size."""
-    return max(1, min(CHUNK_FRAMES, CHUNK_BYTES // frame_bytes))
+class Records(NamedTuple):
+    """What a program recorded: `Slots.rows` brings it to the host.
+
+    infos: of each share, the records of its slots and of at least `count` frames.
+    """
+
+    infos: list[StepInfo]
+    count: int
 
 
 class Slots:
@@ -42,7 +47,7 @@ class Slots:
     of frames: which ones, how many, and of how many frames compiles nothing, and a slot that is
     left out takes no time.
 
-    size: S.
+    size: S. grid: the cells of all objects. length: frames in a chunk, at most.
     shared: whether all tracks share one pool of features.
     shares: how the slots are dealt out to cores or devices, with the time spent.
     """
@@ -55,6 +60,7 @@ class Slots:
         config: Config,
         mesh: Mesh | None = None,
         videos: bool = False,
+        length: int | None = None,
     ) -> None:
         """Make empty slots.
 
@@ -63,8 +69,12 @@ class Slots:
             them; or [S], one for each.
         config: resolved; each of its numbers one for all, or an array [S].
         videos: whether each slot has frames of its own; by default all have the same.
+        length: frames in a chunk; by default 32, fewer where frames are very large.
         """
         self.size = size
+        self.grid = config.grid
+        frame_bytes = math.prod(frame_shape) * (size if videos else 1)
+        self.length = length or max(1, min(CHUNK_FRAMES, CHUNK_BYTES // frame_bytes))
         self.shared = keys.ndim == 0 and np.ndim(config.block) == 0
         self.shares = Shares(size, mesh)
         self._videos = videos
@@ -94,8 +104,8 @@ class Slots:
         boxes: NDArray[np.float32],
         new: NDArray[np.bool_],
         keys: dict[int, jax.Array] | None = None,
-    ) -> list[StepInfo]:
-        """Start tracks in the new slots: their records of this frame, for `rows`.
+    ) -> Records:
+        """Start tracks in the new slots: their records of this frame.
 
         frame: [H, W] or [H, W, 3]; or of each slot, [S, H, W] or [S, H, W, 3].
         boxes: [S, 4]. new: [S]. keys: of a new slot, in place of the key it had.
@@ -108,30 +118,32 @@ class Slots:
         given = (self._config, deal(self._mask(new)), deal(own), deal(boxes), deal(self._keys))
         each = [_Start(*parts) for parts in zip(*given, strict=True)]
         self._states, infos = self.shares.run(_start, self._states, each, (self._pool, common))
-        return infos
+        return Records(infos, 1)
 
-    def follow(
-        self, frames: ImageLike, count: int, active: NDArray[np.bool_] | None = None
-    ) -> list[StepInfo]:
-        """Follow the tracks through the first `count` of these frames: their records, for `rows`.
+    def follow(self, frames: ImageLike, active: NDArray[np.bool_] | None = None) -> Records:
+        """Follow the tracks through the next frames, a chunk or less: their records.
 
-        frames: [T, H, W] or [T, H, W, 3]; or of each slot, [S, T, ...]. Another T compiles anew.
+        frames: [n, H, W] or [n, H, W, 3]; or of each slot, [S, n, ...].
         active: [S], the slots with a track; by default all.
         """
+        axis = 1 if self._videos else 0
+        count = frames.shape[axis]
+        frames = _filled(frames, self.length, axis)
         counts = np.full(self.size, count) if active is None else np.where(active, count, 0)
         deal = self.shares.deal
         own, common = (frames, None) if self._videos else (None, self.shares.to_all(frames))
         given = (self._config, deal(self._mask(counts.astype(np.int32))), deal(own))
         each = [_Follow(*parts) for parts in zip(*given, strict=True)]
         self._states, infos = self.shares.run(_follow, self._states, each, (self._pool, common))
-        return infos
+        return Records(infos, count)
 
-    def rows(self, infos: list[StepInfo], count: int = 1) -> StepInfo:
-        """The first `count` records of each slot, in NumPy: [S, count, ...].
+    def rows(self, records: Records) -> StepInfo:
+        """Records [S, n, ...] of all slots as NumPy arrays.
 
         NaN (0 in what is no float) where a slot was left out.
         """
-        return jax.tree.map(lambda leaf: leaf[:, :count], self.shares.collect(infos))
+        infos = self.shares.collect(records.infos)
+        return jax.tree.map(lambda leaf: leaf[:, : records.count], infos)
 
     def _mask(self, counts: NDArray[np.generic]) -> NDArray[np.generic]:
         """0 for the slots added to make the shares equal."""
@@ -262,6 +274,15 @@ def _blank(info: StepInfo) -> StepInfo:
 
 def _at(tree: ColumnSums, t: Int32[Array, ""]) -> ColumnSums:
     return jax.tree.map(lambda leaf: leaf[t], tree)
+
+
+def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
+    """Frames that nobody looks at added after the last: chunks of one length have one program."""
+    missing = length - frames.shape[axis]
+    if not missing:
+        return frames
+    widths = [(0, missing) if dim == axis else (0, 0) for dim in range(frames.ndim)]
+    return np.pad(frames, widths) if isinstance(frames, np.ndarray) else jnp.pad(frames, widths)
 
 
 def _for_each(config: Config, size: int) -> Config:

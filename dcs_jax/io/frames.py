@@ -7,7 +7,9 @@ reported before anything is tracked; it can be iterated over more than once.
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from dcs_jax.io.image_size import image_size
 
 Frame = NDArray[np.uint8]  # [H, W, 3], RGB
+Item = TypeVar("Item")
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
@@ -188,21 +191,43 @@ def _list_images(folder: Path) -> list[Path]:
 def chunks(frames: Iterable[Frame], length: int) -> Iterator[NDArray[np.uint8]]:
     """Stack frames to [length, H, W, 3]; the last chunk holds what is left.
 
-    Where the frames break off with a `BrokenSource`, those before it are yielded first.
+    Where the frames break off with an exception, those before it are yielded first.
     """
-    stack: list[Frame] = []
-    try:
-        for frame in frames:
-            stack.append(frame)
-            if len(stack) == length:
-                yield np.stack(stack)
-                stack = []
-    except BrokenSource:
-        if stack:
-            yield np.stack(stack)
-        raise
-    if stack:
-        yield np.stack(stack)
+    stack: NDArray[np.uint8] | None = None
+    filled = 0
+    broken: Exception | None = None
+    rest = iter(frames)
+    while True:
+        try:
+            frame = next(rest)
+        except StopIteration:
+            break
+        except Exception as error:  # whatever it is, it is raised below
+            broken = error
+            break
+        if stack is None:
+            stack = np.empty((length, *frame.shape), np.uint8)
+        stack[filled] = frame
+        filled += 1
+        if filled == length:
+            yield stack
+            stack, filled = None, 0
+    if stack is not None:
+        yield stack[:filled]
+    if broken is not None:
+        raise broken
+
+
+def ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """The same items, the next of which is made in a thread while the present one is used.
+
+    What making one raises comes in its place.
+    """
+    with ThreadPoolExecutor(1, "dcs_jax.ahead") as thread:
+        coming = thread.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = thread.submit(next, items, None)
+            yield item
 
 
 def _check_range(path: Path, start: int, end: int | None, length: int | None) -> None:
