@@ -32,8 +32,8 @@ def track_batch(
     boxes: [B, 4], x, y, w, h in pixels in the first frame, as for `track_sequence`; of any sizes on
         a canvas (the default), of one size with canvas="native" or a window_minimum that one of
         them does not reach.
-    keys: [], one key for all, by default `jax.random.key(0)`: then one pool of features is drawn and
-        stored for all tracks; or [B], one key each, for example
+    keys: [], one key for all, by default `jax.random.key(0)`: then one pool of features is drawn
+        and stored for all tracks; or [B], one key each, for example
         `jax.vmap(jax.random.key)(jnp.arange(B))` for the seeds 0 to B - 1.
     config: settings; each of its numbers may be an array [B], one for each track. Values of `block`
         that differ give each track a pool of its own, also with one key.

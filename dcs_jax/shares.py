@@ -53,7 +53,8 @@ class Shares:
         """What each share gets of arrays [S, ...], those of the added slots like the last one."""
         filled = jax.tree.map(self._fill, each)
         if self._mesh is not None:
-            return [jax.tree.map(functools.partial(self._put, PartitionSpec(AXIS)), filled)]
+            put = functools.partial(_put, NamedSharding(self._mesh, PartitionSpec(AXIS)))
+            return [jax.tree.map(put, filled)]
         length = self.size // self._parts
 
         def part(share: int) -> Tree:
@@ -64,8 +65,10 @@ class Shares:
 
     def to_all(self, common: Tree) -> Tree:
         """Arrays that every share gets whole."""
-        put = functools.partial(self._put, PartitionSpec())
-        return jax.tree.map(jnp.asarray if self._mesh is None else put, common)
+        if self._mesh is None:
+            return jax.tree.map(jnp.asarray, common)
+        put = functools.partial(_put, NamedSharding(self._mesh, PartitionSpec()))
+        return jax.tree.map(put, common)
 
     def run(
         self, program: Program, states: list[Any], each: list[Any], common: Any
@@ -98,17 +101,17 @@ class Shares:
             return leaf
         return leaf[np.minimum(np.arange(self.size), len(leaf) - 1)]
 
-    def _put(self, spec: PartitionSpec, leaf: Any) -> jax.Array:
-        """The same array, known to this process, on the devices of all processes."""
-        sharding = NamedSharding(self._mesh, spec)
-        if sharding.is_fully_addressable:
-            return jax.device_put(leaf, sharding)
-        if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            data = self._put(spec, jax.random.key_data(leaf))
-            return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
-        # Unlike `device_put`, this does not have the processes compare what they have.
-        values = np.asarray(leaf)
-        return jax.make_array_from_callback(values.shape, sharding, lambda index: values[index])
+
+def _put(sharding: NamedSharding, leaf: Any) -> jax.Array:
+    """The same array, known to this process, on the devices of all processes."""
+    if sharding.is_fully_addressable:
+        return jax.device_put(leaf, sharding)
+    if isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        data = _put(sharding, jax.random.key_data(leaf))
+        return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
+    # Unlike `device_put`, this does not have the processes compare what they have.
+    values = np.asarray(leaf)
+    return jax.make_array_from_callback(values.shape, sharding, lambda index: values[index])
 
 
 def _run(program: Any, arguments: tuple[Any, ...]) -> Any:

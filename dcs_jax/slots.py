@@ -7,13 +7,13 @@ against the step vmapped over the tracks in benchmarks/README.md.
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
-from jaxtyping import Array, Bool, Float, Int32, Key
+from jaxtyping import Array, Bool, Float, Int32
 from numpy.typing import NDArray
 
 from dcs_jax import tracker
@@ -33,11 +33,11 @@ _BLOCK = 4
 class Records(NamedTuple):
     """What a program recorded: `Slots.rows` brings it to the host.
 
-    infos: of each share, the records of its slots and of at least `count` frames.
+    infos: of each share, the records of its slots. frames: how many of a slot's count.
     """
 
     infos: list[StepInfo]
-    count: int
+    frames: int
 
 
 class Slots:
@@ -90,7 +90,7 @@ class Slots:
         self._keys: jax.Array | None = None
         if self.shared:
             self._pool = self.shares.to_all(_draw(keys, one_config))
-            state = state._replace(pool=None)
+            state = _stored(state, self._pool)
         else:
             self._keys = jnp.broadcast_to(keys, (size,))
         self._config = self.shares.deal(each_config)
@@ -115,7 +115,13 @@ class Slots:
             self._keys = self._keys.at[slot].set(key)
         deal = self.shares.deal
         own, common = (frame, None) if self._videos else (None, self.shares.to_all(frame))
-        given = (self._config, deal(self._mask(new)), deal(own), deal(boxes), deal(self._keys))
+        given: tuple[list[Any], ...] = (
+            self._config,
+            deal(self._mask(new)),
+            deal(own),
+            deal(boxes),
+            deal(self._keys),
+        )
         each = [_Start(*parts) for parts in zip(*given, strict=True)]
         self._states, infos = self.shares.run(_start, self._states, each, (self._pool, common))
         return Records(infos, 1)
@@ -132,7 +138,11 @@ class Slots:
         counts = np.full(self.size, count) if active is None else np.where(active, count, 0)
         deal = self.shares.deal
         own, common = (frames, None) if self._videos else (None, self.shares.to_all(frames))
-        given = (self._config, deal(self._mask(counts.astype(np.int32))), deal(own))
+        given: tuple[list[Any], ...] = (
+            self._config,
+            deal(self._mask(counts.astype(np.int32))),
+            deal(own),
+        )
         each = [_Follow(*parts) for parts in zip(*given, strict=True)]
         self._states, infos = self.shares.run(_follow, self._states, each, (self._pool, common))
         return Records(infos, count)
@@ -143,7 +153,7 @@ class Slots:
         NaN (0 in what is no float) where a slot was left out.
         """
         infos = self.shares.collect(records.infos)
-        return jax.tree.map(lambda leaf: leaf[:, : records.count], infos)
+        return jax.tree.map(lambda leaf: leaf[:, : records.frames], infos)
 
     def _mask(self, counts: NDArray[np.generic]) -> NDArray[np.generic]:
         """0 for the slots added to make the shares equal."""
@@ -158,20 +168,20 @@ class _Start(NamedTuple):
 
     config: Config
     new: Bool[Array, " S"]
-    frame: Frame | None
+    frame: Any
     box: Float[Array, "S 4"]
-    key: Key[Array, " S"] | None
+    key: Any
 
 
 class _Follow(NamedTuple):
     """What `_follow` is given for each slot: [S, ...] each.
 
-    count: frames to follow. frames: None where all have the same.
+    steps: frames to follow. frames: None where all have the same.
     """
 
     config: Config
-    count: Int32[Array, " S"]
-    frames: Frames | None
+    steps: Int32[Array, " S"]
+    frames: Any
 
 
 def _start(
@@ -183,10 +193,11 @@ def _start(
 
     def start(slot: tuple[State, _Start]) -> tuple[State, StepInfo]:
         old, (config, new, frame, box, key) = slot
-        sums = shared_sums if frame is None else column_sums(frame)
+        sums = column_sums(frame) if shared_sums is None else shared_sums
+        features = key if pool is None else pool
 
         def begin() -> tuple[State, StepInfo]:
-            state = tracker.init(sums, box, key if pool is None else pool, config)
+            state = tracker.init(sums, box, features, config)
             return _stored(state, pool), tracker.score(state, sums, config)
 
         blank = _blank(jax.eval_shape(begin)[1])
@@ -199,15 +210,14 @@ def _start(
 def _follow(
     states: State, each: _Follow, common: tuple[Pool | None, Frames | None]
 ) -> tuple[State, StepInfo]:
-    """`step` of each slot through its count of frames. Records [S, T, ...], NaN after the count."""
+    """`step` of each slot through its number of frames. Records [S, T, ...], NaN after them."""
     pool, frames = common
     if frames is None:
 
         def through_own(slot: tuple[State, _Follow]) -> tuple[State, StepInfo]:
-            state, (config, count, frames) = slot
-            assert frames is not None
+            state, (config, steps, frames) = slot
             length = len(frames)
-            return _walk(state, pool, config, lambda t: column_sums(frames[t]), length, count)
+            return _walk(state, pool, config, lambda t: column_sums(frames[t]), length, steps)
 
         return jax.lax.map(through_own, (states, each))
 
@@ -217,9 +227,9 @@ def _follow(
         sums = jax.lax.map(column_sums, jax.lax.dynamic_slice_in_dim(frames, first, block))
 
         def through(slot: tuple[State, _Follow]) -> tuple[State, StepInfo]:
-            state, (config, count, _) = slot
-            count = jnp.clip(count - first, 0, block)
-            return _walk(state, pool, config, lambda t: _at(sums, t), block, count)
+            state, (config, steps, _) = slot
+            steps = jnp.clip(steps - first, 0, block)
+            return _walk(state, pool, config, lambda t: _at(sums, t), block, steps)
 
         return jax.lax.map(through, (states, each))
 
@@ -239,9 +249,9 @@ def _walk(
     config: Config,
     sums_of: Callable[[Int32[Array, ""]], ColumnSums],
     length: int,
-    count: Int32[Array, ""],
+    steps: Int32[Array, ""],
 ) -> tuple[State, StepInfo]:
-    """One track through the first `count` of `length` frames; its records [length, ...]."""
+    """One track through the first `steps` of `length` frames; its records [length, ...]."""
 
     def step(t: Int32[Array, ""], state: State) -> tuple[State, StepInfo]:
         full = state if pool is None else state._replace(pool=pool)
@@ -255,12 +265,13 @@ def _walk(
 
     info = jax.eval_shape(step, jnp.int32(0), state)[1]
     infos = jax.tree.map(lambda row: jnp.repeat(row[None], length, 0), _blank(info))
-    return jax.lax.fori_loop(0, count, advance, (state, infos))
+    return jax.lax.fori_loop(0, steps, advance, (state, infos))
 
 
 def _stored(state: State, pool: Pool | None) -> State:
     """What is stored of a state: not the pool, if all tracks share one."""
-    return state if pool is None else state._replace(pool=None)
+    nothing: Any = None
+    return state if pool is None else state._replace(pool=nothing)
 
 
 def _blank(info: StepInfo) -> StepInfo:
@@ -299,7 +310,8 @@ def _for_each(config: Config, size: int) -> Config:
         return np.broadcast_to(numbers.astype(kind), (size,))
 
     fields = (f.name for f in dataclasses.fields(config) if not f.metadata.get("static"))
-    return dataclasses.replace(config, **{name: spread(name) for name in fields})
+    numbers: dict[str, Any] = {name: spread(name) for name in fields}
+    return dataclasses.replace(config, **numbers)
 
 
 # Compiled, and traced once for their shapes.

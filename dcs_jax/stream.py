@@ -1,6 +1,6 @@
 """Tracks through frames as they come, in memory that does not grow with their number."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -121,7 +121,7 @@ class Stream(Iterator[Chunk]):
         self._active[slot] = self._new[slot] = False
         self._keys.pop(slot, None)
 
-    def _follow(self, frames: Iterable[Frame]) -> Iterator[Chunk]:
+    def _follow(self, frames: Iterable[Frame]) -> Generator[Chunk]:
         first = self._last
         yield self._chunk(0, first[None], self._start())
         start = 1

@@ -45,9 +45,7 @@ def init(
     return State(box, pool, *_learn(values, weak, config))
 
 
-def step(
-    state: State, frame: ImageLike | ColumnSums, config: Config
-) -> tuple[State, StepInfo]:
+def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[State, StepInfo]:
     """Follow the object into the next frame (Algorithm 1) and learn it there.
 
     frame: as given to `init`, of the same size as before.

@@ -4,6 +4,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Annotated
 
+import jax
 import numpy as np
 import typer
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from rich.console import Console
 from rich.table import Table
 
 import dcs_jax
-from dcs_jax.cli.chunked import track_chunks
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap, success_rate
 from dcs_jax.io.annotations import BoxWriter
@@ -35,12 +35,13 @@ def demo(
     config = dcs_jax.Config()
     seconds = []
     for _ in range(2):  # the first run compiles, the second tells the speed
-        times, chunks = [perf_counter()], []
-        for chunk in track_chunks(clip.frames, clip.boxes[0], config, seed=0):
-            chunks.append(chunk)
+        times, tracks = [perf_counter()], []
+        for chunk in dcs_jax.track_stream(clip.frames, clip.boxes[:1], config=config):
+            tracks.append(chunk.track)
             times.append(perf_counter())
         seconds.append(times[-1] - times[0])
-    _, boxes, confidence, part_scores = map(np.concatenate, zip(*chunks, strict=True))
+    track = jax.tree.map(lambda *chunks: np.concatenate(chunks, 1)[0], *tracks)
+    boxes, confidence, part_scores = track.boxes, track.confidence, track.part_scores
 
     speed = (len(boxes) - 1) / (times[-1] - times[1])  # after the first frame, which is only learnt
     error, success = mean_centre_error(boxes, clip.boxes), success_rate(boxes, clip.boxes)

@@ -5,6 +5,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
+import jax
 import numpy as np
 import typer
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from rich.text import Text
 
 import dcs_jax
 from dcs_jax.checks import check_box
-from dcs_jax.cli.chunked import track_chunks
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
@@ -140,17 +140,16 @@ def _track_to_files(
         progress = files.enter_context(_progress())
         task = progress.add_task("tracking", total=frames.length)
         try:
-            for chunk in track_chunks(frames, box, config, seed):
-                table.write(chunk.boxes, chunk.confidence)
+            for chunk in dcs_jax.track_stream(frames, box[None], jax.random.key(seed), config):
+                found = np.asarray(chunk.track.boxes[0])
+                confidence = np.asarray(chunk.track.confidence[0])
+                table.write(found, confidence)
                 if video:
-                    first = frames.start + sum(map(len, boxes))
-                    for t, (frame, found, confidence, _) in enumerate(
-                        zip(*chunk, strict=True), first
-                    ):
-                        label = None if truth is None else truth[t]
-                        video.write(draw_track(frame, found, confidence, label))
-                boxes.append(chunk.boxes)
-                progress.advance(task, len(chunk.boxes))
+                    for n, frame in enumerate(chunk.frames):
+                        label = None if truth is None else truth[frames.start + chunk.start + n]
+                        video.write(draw_track(frame, found[n], confidence[n], label))
+                boxes.append(found)
+                progress.advance(task, len(found))
         except BrokenSource as error:
             raise BrokenSource(f"{error}; what was tracked is in {out}", error.frame) from error
     return np.concatenate(boxes)
