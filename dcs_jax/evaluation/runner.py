@@ -58,7 +58,7 @@ def run_seeds(
     rest = iter(frames)
     first = next(rest)
     config = config.resolve(box)
-    shares = [share for share in np.array_split(np.asarray(seeds), _cores()) if share.size]
+    shares = [share for share in np.array_split(np.asarray(seeds), cores()) if share.size]
     size = max(1, min(CHUNK_FRAMES, CHUNK_BYTES // first.nbytes))
     seconds = 0.0
     with ThreadPoolExecutor(len(shares)) as threads:
@@ -154,7 +154,7 @@ def _kind(leaf: Any) -> tuple[Any, ...]:
     return np.shape(leaf), dtype, getattr(leaf, "weak_type", False)
 
 
-def _cores() -> int:
+def cores() -> int:
     """The cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
