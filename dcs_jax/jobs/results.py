@@ -35,7 +35,7 @@ class Results:
     def __init__(self, folder: str | Path, config: Config, seed: int) -> None:
         self.folder = Path(folder)
         self._made_with = [dataclasses.asdict(config), seed, dcs_jax.__version__]
-        # What a video depends on is looked up before it is tracked, and stands for what was tracked.
+        # Looked up before the video is tracked: a file that changes meanwhile is another one.
         self._names: dict[Video, str] = {}
         # Read once: asking the disk for each of a million files would take longer.
         self._files: dict[str, set[str]] = {}  # names by their part that stands for the source

@@ -20,6 +20,7 @@ EngineName = Literal["local", "ray"]
 ENGINES: dict[str, Callable[[int | None], Engine]] = {"local": LocalEngine, "ray": RayEngine}
 RETRIES = 2
 LOOKS_A_BATCH = 64  # opening a video takes some milliseconds
+BATCHES_A_WORKER = 4
 
 
 class Batch(NamedTuple):
@@ -105,9 +106,10 @@ def run_batch(
     track = functools.partial(track_video, config=config, seed=seed)
     try:
         work.sort_out()
-        with ENGINES[engine](workers) as entered:
-            work.look(entered, retries)
-            work.track(entered, retries, track)
+        if work.pending:
+            with ENGINES[engine](workers) as entered:
+                work.look(entered, retries)
+                work.track(entered, retries, track)
         interrupted = False
     except KeyboardInterrupt:
         interrupted = True
@@ -121,7 +123,7 @@ class _Work:
     def __init__(self, targets: list[Target], results: Results, watch: BatchWatch) -> None:
         self._targets, self._results, self._watch = targets, results, watch
         self._videos = group_by_video(targets)
-        self._pending: list[Video] = []
+        self.pending: list[Video] = []
         self._looks: list[Look] = []
         self._files: dict[str, str] = {}
         self._reasons: dict[str, str] = {}
@@ -133,20 +135,21 @@ class _Work:
             if self._results.has(video):
                 self._reuse(video)
             else:
-                self._pending.append(video)
+                self.pending.append(video)
+        if not self.pending:
+            self._watch.planned(0, self._reused, 0, len(self._videos))
         self.write_tables()
 
     def look(self, engine: Engine, retries: int) -> None:
         """Open every video that is not finished, and set aside what cannot be tracked."""
         size = min(LOOKS_A_BATCH, engine.batch_frames)
-        batches = (self._pending[n : n + size] for n in range(0, len(self._pending), size))
+        batches = (self.pending[n : n + size] for n in range(0, len(self.pending), size))
         for outcome in self._outcomes(engine, _look, batches, retries):
             look = outcome.value
             self._reasons.update(look.reasons)
             if look.reasons and self._results.has(look.video):
-                self._finish(
-                    look.video
-                )  # by an earlier run, which had to leave out the same targets
+                # An earlier run had to leave out the same targets.
+                self._reuse(look.video)
             else:
                 self._looks.append(look)
 
@@ -155,7 +158,9 @@ class _Work:
         stale = sum(self._results.has_other(look.video) for look in self._looks)
         work = sum(look.work for look in self._looks)
         self._watch.planned(work, self._reused, stale, len(self._videos))
-        batches = _batches(self._looks, engine.batch_frames)
+        # As large as pays, but where there is little work, every worker should have its share.
+        size = min(engine.batch_frames, work // (BATCHES_A_WORKER * engine.workers))
+        batches = _batches(self._looks, size)
         for outcome in self._outcomes(engine, track, batches, retries, self._watch.advance):
             self._results.write(outcome.video, outcome.value)
             self._finish(outcome.video)
@@ -212,7 +217,7 @@ def _look(video: Video, advance: Advance) -> Look:
 
 
 def _batches(looks: list[Look], frames: int) -> Iterator[list[Video]]:
-    """Batches of videos of like frames, each of this many frames to track where there are as many.
+    """Batches of videos of like frames, each of this many frames to track if there are as many.
 
     Videos of one shape follow each other, so that a worker rarely meets another one, and the
     longest come first, so that none is left to one worker at the end.
