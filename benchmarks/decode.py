@@ -2,12 +2,12 @@
 
     python -m benchmarks.decode [SOURCE ...] [--frames 300] [--rounds 5]
 
-A SOURCE is a video file or a folder of images. Clips of two sizes are rendered and written as MPEG-4
-(mp4), Motion JPEG (avi) and folders of JPEG, and as H.264 where there is an ffmpeg with libx264.
-A rendered scene has less detail than a filmed one: give videos of your own for figures to plan with.
+A SOURCE is a video file or a folder of images. Clips of two sizes are rendered and written as
+MPEG-4 in mp4, Motion JPEG in avi and folders of JPEG, and as H.264 where there is an ffmpeg with
+libx264. A rendered scene has less detail than a filmed one: give videos of your own to plan with.
 
-Decoding runs on one thread, the files in the system's cache: this is what a core can decode, not what
-a disk can deliver. The formats take turns; the table has the median over the rounds and the range.
+Decoding runs on one thread, the files in the system's cache: this is what a core can decode, not
+what a disk can deliver. The formats take turns; the table has median and range over the rounds.
 """
 
 import argparse
