@@ -12,19 +12,17 @@ Files are written to a temporary name and renamed, so that none is ever half the
 
 import csv
 import json
-import os
-import re
-import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax.evaluation.datasets import Sequence
+from dcs_jax.io.files import atomic, safe_name
 
 PICTURES = 48  # frames kept of a sequence
 PICTURE_WIDTH = 480  # pixels at most
@@ -182,35 +180,10 @@ class Results:
             ]
 
     def _labels_path(self, sequence: str) -> Path:
-        return self.folder / "sequences" / f"{_file_name(sequence)}.npz"
+        return self.folder / "sequences" / f"{safe_name(sequence)}.npz"
 
     def _path(self, sequence: str, setting: str, start: str) -> Path:
-        return self.folder / "runs" / _file_name(sequence) / _file_name(setting) / f"{start}.npz"
-
-
-class atomic:  # noqa: N801 (reads as a verb: with atomic(path) as file)
-    """A file to write that takes its name only when all is written; a context manager."""
-
-    def __init__(self, path: Path, text: bool = False) -> None:
-        self._path, self._text = path, text
-
-    def __enter__(self) -> IO[Any]:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        handle, self._temporary = tempfile.mkstemp(".part", ".", self._path.parent)
-        self._file: IO[Any] = (
-            os.fdopen(handle, "w", encoding="utf-8", newline="")
-            if self._text
-            else os.fdopen(handle, "wb")
-        )
-        return self._file
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        self._file.close()
-        if kind is None:
-            os.chmod(self._temporary, 0o644)  # a temporary file is readable to its owner only
-            os.replace(self._temporary, self._path)
-        else:
-            os.unlink(self._temporary)
+        return self.folder / "runs" / safe_name(sequence) / safe_name(setting) / f"{start}.npz"
 
 
 def read_published(folder: str | Path) -> list[Published]:
@@ -290,8 +263,3 @@ def _encode(frame: NDArray[np.uint8]) -> bytes:
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return bytes(encoded)
-
-
-def _file_name(name: str) -> str:
-    """A name that is safe as a folder's: blanks, slashes and the like become _."""
-    return re.sub(r"[^\w=.,()\[\]-]", "_", name)
