@@ -118,9 +118,13 @@ def select_classifiers(
         raise ValueError("tol=None stops after max_iterations, but max_iterations is None, too")
     if max_iterations is not None:
         check_count("max_iterations", max_iterations)
-    if np.ndim(votes) < 2 or 0 in np.shape(votes):
-        raise ValueError(f"votes must be [..., L, M] and not empty, not {np.shape(votes)}")
-    rows, columns = np.shape(votes)[-2:]
+    try:
+        shape = np.shape(votes)
+    except ValueError:  # lists of different lengths
+        raise ValueError(f"votes must be [..., L, M], but is {votes!r}") from None
+    if len(shape) < 2 or 0 in shape:
+        raise ValueError(f"votes must be [..., L, M] and not empty, not {shape}")
+    rows, columns = shape[-2:]
     double = getattr(votes, "dtype", None) == np.float64 and jax.config.read("jax_enable_x64")
     dtype = jnp.dtype("float64" if double else "float32")
     weights = np.ones(rows, np.float32) if weights is None else weights
@@ -141,6 +145,8 @@ def select_classifiers(
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
+    if np.ndim(tol) != 0:  # None, too, has no dimension
+        raise ValueError(f"tol must be one number for all problems, but has {np.shape(tol)}")
     if solver == "auto":
         solver = "apg" if tol is None else "interior"
     return _select(
@@ -150,7 +156,7 @@ def select_classifiers(
         errors,
         key,
         solver=solver,
-        most=_MOST[solver] if max_iterations is None else max_iterations,
+        most=_MOST[solver] if max_iterations is None else int(max_iterations),
         fixed=tol is None,
         started=start is not None,
         tie=tie,
