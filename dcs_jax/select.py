@@ -22,7 +22,7 @@ Penalty = float | jax.Array | np.ndarray
 # Iterations between two looks at the gap, and the most of them unless stated. A look costs the
 # gradient methods as much as an iteration, the interior point method next to nothing.
 _EVERY = {"apg": 10, "interior": 1, "projected_gradient": 10, "jaxopt": 10}
-_MOST = {"apg": 20_000, "interior": 50, "projected_gradient": 20_000, "jaxopt": 20_000}
+_MOST = {"apg": 20_000, "interior": 100, "projected_gradient": 20_000, "jaxopt": 20_000}
 
 # Problems are solved in blocks of about this many votes. By the interior point method, 100 of
 # 100 x 200 take 155 ms one by one, 180 in tens and 310 all at once, where the slowest keeps the
@@ -87,7 +87,7 @@ def select_classifiers(
         shape measured the gap is reached sooner by the first; and to compare with,
         "projected_gradient" and "jaxopt" (jaxopt's proximal gradient; needs that package).
     tol: the duality gap to stop at; None: stop after `max_iterations` only.
-    max_iterations: the most iterations, by default 50 of "interior" and 20 000 of the others. With
+    max_iterations: the most iterations, by default 100 of "interior" and 20 000 of the others. With
         a tolerance it is rounded up to the iterations between two looks at the gap: 1 and 10.
     tie: which of several largest coefficients, equal within a relative tolerance of 1e-3, is
         taken: "first", the first one; "error", the one of least `errors` [..., M]; "random", any
@@ -145,7 +145,7 @@ def select_classifiers(
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
-    if np.ndim(tol) != 0:  # None, too, has no dimension
+    if tol is not None and np.ndim(tol) != 0:
         raise ValueError(f"tol must be one number for all problems, but has {np.shape(tol)}")
     if solver == "auto":
         solver = "apg" if tol is None else "interior"
