@@ -372,7 +372,10 @@ NAN = np.array([1, np.nan, 1, np.inf, 1])
         ({"votes": VOTES * NAN[:, None]}, "votes must be finite, but 6 of its 15 values are not"),
         ({"labels": np.ones(4)}, r"labels must have the shape \[\.\.\., 5\], but has \(4,\)"),
         ({"labels": NAN}, "labels must be finite, but 2 of its 5 values are not .*: nan, inf"),
-        ({"labels": LABELS * 1e39}, r"labels must be finite, .* not \(in float32\): 1e\+39, 1e\+39"),
+        (
+            {"labels": LABELS * 1e39},
+            r"labels must be finite, .* not \(in float32\): 1e\+39, 1e\+39",
+        ),
         ({"labels": "abc"}, "labels must be real numbers"),
         ({"lam": -0.5}, "lam must be finite and at least 0, but 1 of its 1 values is not .*: -0.5"),
         ({"lam": np.inf}, "lam must be finite"),

@@ -10,13 +10,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from dcs_jax.cli.environment import keep_compiled_programs
-from dcs_jax.cli.errors import BROKEN_SOURCE
+from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
 from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
 from dcs_jax.evaluation.experiment import Watch
 from dcs_jax.evaluation.experiment import evaluate as run_evaluation
 from dcs_jax.evaluation.settings import with_changes
-
-INTERRUPTED = 130  # as a shell gives it for a process ended by Ctrl-C
 
 
 class ProtocolName(StrEnum):
@@ -102,7 +100,7 @@ def evaluate(
         if page:
             typer.echo(write_page(done.summary, out))
     for broken in done.broken:
-        typer.echo(f"skipped {broken.name}: {broken.reason}", err=True)
+        typer.echo(f"skipped {broken}", err=True)
     if done.interrupted:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(INTERRUPTED)
