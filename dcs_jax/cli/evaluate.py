@@ -99,7 +99,7 @@ def evaluate(
         if page:
             typer.echo(write_page(done.summary, out))
     for broken in done.broken:
-        typer.echo(f"skipped {broken.name}: {broken.reason}", err=True)
+        typer.echo(f"skipped {broken}", err=True)
     if done.interrupted:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(INTERRUPTED)
