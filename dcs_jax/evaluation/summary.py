@@ -146,7 +146,7 @@ def summarise(folders: Sequence[Results]) -> Summary:
         paired=_comparisons(table, settings, sequences, common),
         agreement=_agreements(table, records, published),
         published=published,
-        notes=notes,
+        notes=list(dict.fromkeys(notes)),
     )
 
 
