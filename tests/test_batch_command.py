@@ -10,10 +10,10 @@ import sys
 import time
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from data_sets import write_images, write_otb, write_video
-from dcs_jax.cli.chunked import track_chunks
 from typer.testing import CliRunner
 
 import dcs_jax
@@ -113,13 +113,14 @@ def test_results_are_those_of_single_tracks(manifest, videos, clip, tmp_path):
         ("other", clip.boxes[0] + [4, 2, 5, 3], 0, 50),
     ):
         frames = open_source(videos / "card.avi", start, end)
-        chunks = list(track_chunks(frames, box, dcs_jax.Config(**FIELDS), 3))
+        key, config = jax.random.key(3), dcs_jax.Config(**FIELDS)
+        chunks = list(dcs_jax.track_stream(frames, box[None], key, config))
         np.testing.assert_array_equal(found[name][:, 0], np.arange(start, end))
         for columns, expected in (
-            (found[name][:, 1:5], np.concatenate([chunk.boxes for chunk in chunks])),
-            (found[name][:, 5], np.concatenate([chunk.confidence for chunk in chunks])),
+            (found[name][:, 1:5], [chunk.track.boxes[0] for chunk in chunks]),
+            (found[name][:, 5], [chunk.track.confidence[0] for chunk in chunks]),
         ):
-            np.testing.assert_array_equal(columns.astype(np.float32), expected)
+            np.testing.assert_array_equal(columns.astype(np.float32), np.concatenate(expected))
 
 
 def test_boxes_of_several_sizes_on_their_own_grid(videos, tmp_path):
@@ -207,7 +208,7 @@ def test_what_fails_is_tried_again_then_listed_and_the_rest_goes_on(videos, clip
     for name, message in (
         ("gone", "gone.mp4 does not exist"),
         ("cut", "cut.avi breaks off"),
-        ("torn", "1.png (frame 1) cannot be decoded"),
+        ("torn", "1.png (frame 1) is cut off"),
         ("outside", "is wholly outside"),
         ("too long", "the range is 0 to 900"),
     ):

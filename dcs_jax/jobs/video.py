@@ -14,7 +14,7 @@ from dcs_jax.config import Config
 from dcs_jax.io.frames import FrameSource, open_source
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.shared import SharedFrames
-from dcs_jax.jobs.targets import Chunk, track_targets
+from dcs_jax.jobs.targets import Chunk, slots_for, track_targets
 
 
 class Look(NamedTuple):
@@ -145,7 +145,7 @@ class _Group(NamedTuple):
         reader = frames.reader(self.first.start, self.first.end)
         boxes = np.asarray(self.boxes, np.float32)
         _compile_once(shape, boxes, self.config)
-        return track_targets(reader, boxes, [jax.random.key(seed)] * len(boxes), self.config)
+        return track_targets(reader, boxes, jax.random.key(seed), self.config)
 
 
 _compiled: set[Any] = set()
@@ -157,10 +157,10 @@ def _compile_once(shape: tuple[int, int, int], boxes: NDArray[np.float32], confi
 
     Threads that start on like videos would otherwise all compile the same programs at once.
     """
-    kind = shape, jax.tree.structure(config)
+    kind = shape, jax.tree.structure(config), slots_for(len(boxes))
     with _compiling:
         if kind not in _compiled:
             blank = np.zeros((2, *shape), np.uint8)
-            for _ in track_targets(blank, boxes[:1], [jax.random.key(0)], config):
+            for _ in track_targets(blank, boxes, jax.random.key(0), config):
                 pass
             _compiled.add(kind)
