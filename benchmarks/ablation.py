@@ -52,7 +52,7 @@ def main() -> None:
             watch=bar,
         )
     for broken in done.broken:
-        print(f"skipped {broken.name}: {broken.reason}")
+        print(f"skipped {broken}")
     if done.interrupted:
         raise SystemExit("interrupted: the same command goes on from here")
     print(table(done.summary, base))

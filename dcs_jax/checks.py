@@ -126,7 +126,7 @@ def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:
 
 def check_count(name: str, value: Any) -> None:
     """ValueError unless value is an integer of at least 1."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} must be an integer of at least 1, but is {value!r}")
 
 
@@ -137,8 +137,8 @@ def as_numbers(
 
     shape: what its last dimensions must be; any dimensions may lead.
 
-    Raises ValueError unless they are real numbers, and where they are known, finite and at least
-    `least`.
+    Raises ValueError unless they are real numbers, and where they are known, finite in this type
+    and at least `least`.
     """
     try:
         array = values if isinstance(values, jax.Array) else np.asarray(values)
@@ -152,12 +152,15 @@ def as_numbers(
         raise ValueError(f"{name} must have the shape [{expected}], but has {array.shape}")
     if not isinstance(array, jax.core.Tracer):
         known = np.asarray(array)
-        wrong = known[~(np.isfinite(known) & (known >= least))]
+        with np.errstate(over="ignore"):
+            finite = np.isfinite(known.astype(dtype))
+        wrong = known[~(finite & (known >= least))]
         if wrong.size:
             expected = "finite" if least == -np.inf else f"finite and at least {least:g}"
             raise ValueError(
                 f"{name} must be {expected}, but {wrong.size} of its {known.size} values "
-                f"{'is' if wrong.size == 1 else 'are'} not: {', '.join(map(str, wrong[:5]))}"
+                f"{'is' if wrong.size == 1 else 'are'} not (in {dtype}): "
+                f"{', '.join(map(str, wrong[:5]))}"
             )
     return jnp.asarray(array, dtype)
 

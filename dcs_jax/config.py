@@ -45,6 +45,13 @@ class Config:
             likelier class (eq. 16).
         iterations: accelerated proximal gradient steps of the "l1" selector.
         first_updates: updates on the rows of the first frame.
+        extras: what the paper does not have: a correlation filter as one more witness of the
+            place, the object's size, recognition of the object, with which a track learns only
+            where it is recognised, says when it is lost, and finds it again.
+        scale: whether the box follows the size of the object, its aspect ratio kept. False: the box
+            keeps its given size, around the object's middle (the search follows its size all the
+            same). Without extras it has no effect.
+        sizes: S, how many sizes are looked at in a frame, an odd number.
 
     Numbers:
         block: the largest base block of a feature, in sides of its part, above 0 and at most 1 (the
@@ -55,12 +62,22 @@ class Config:
             0: not at all, as the paper's window, which is clipped to the frame.
         prior: what a displacement of d costs, prior * d^2 / (w h), on the scale of
             -log(1 - Noisy-OR); 0: every place in the window is as likely (the paper's setting).
+        place_weight: what the place filter's answer, about 1 where it is sure, adds on that scale.
+        place_rate, size_rate: share of the present frame in the filters, in [0, 1].
+        size_step: ratio of two sizes that are looked at, above 1.
+        recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
+        recent_rate: share of the present frame in the recent appearance, in [0, 1].
+        confidence_middle, confidence_slope: confidence is
+            1 / (1 + exp(-slope (similarity - middle))). Fitted to labelled tracks: %CALIBRATION%
+        learn_above: the confidence above which a frame is learned from.
+        lost_below, patience: the object is lost after so many frames below this confidence.
+        found_above: the confidence above which a lost object is found.
 
     Raises ValueError where a value is out of its range.
     """
 
     canvas: int | tuple[int, int] | Literal["native"] = _static(40)
-    window_factor: float = _static(2.0)
+    window_factor: float = _static(2.5)
     window_minimum: float = _static(0.0)
     parts: Literal[1, 5, 9] = _static(9)
     selectors: int = _static(40)
@@ -70,18 +87,34 @@ class Config:
     weak: WeakRule = _static("midpoint")
     iterations: int = _static(10)
     first_updates: int = _static(50)
+    extras: bool = _static(True)
+    scale: bool = _static(True)
+    sizes: int = _static(17)
 
     block: float | jax.Array = 1 / 3
     lam: float | jax.Array = 0.01
     smoothing: float | jax.Array = 1.5
     overhang: float | jax.Array = 0.0
     prior: float | jax.Array = 0.6
+    place_weight: float | jax.Array = 15.0
+    place_rate: float | jax.Array = 0.02
+    size_rate: float | jax.Array = 0.025
+    size_step: float | jax.Array = 1.03
+    recent_penalty: float | jax.Array = 0.1
+    recent_rate: float | jax.Array = 0.05
+    confidence_middle: float | jax.Array = 0.3
+    confidence_slope: float | jax.Array = 10.0
+    learn_above: float | jax.Array = 0.4
+    lost_below: float | jax.Array = 0.3
+    patience: int | jax.Array = 5
+    found_above: float | jax.Array = 0.9
 
     @classmethod
     def paper(cls, **changes: Any) -> "Config":
         """The paper's setting, with any fields changed by keyword."""
         preset: dict[str, Any] = {
             "canvas": "native",
+            "window_factor": 2.0,
             "window_minimum": 100.0,
             "parts": 5,
             "selectors": 20,
@@ -90,6 +123,7 @@ class Config:
             "block": 0.2,
             "smoothing": 0.5,
             "prior": 0.0,
+            "extras": False,
         }
         return cls(**(preset | changes))
 
@@ -116,8 +150,17 @@ class Config:
             raise ValueError(
                 f"window_factor must be finite and above 1, but is {self.window_factor!r}"
             )
-        for name in ("window_minimum", "lam", "smoothing", "overhang", "prior"):
+        for name in ("extras", "scale"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be True or False, but is {getattr(self, name)!r}")
+        if self.sizes % 2 == 0:
+            raise ValueError(f"sizes must be odd, with the last size in the middle: {self.sizes}")
+        for name in _NOT_NEGATIVE:
             _check_range(name, getattr(self, name), "finite and not negative", 0, math.inf)
+        for name in _SHARES:
+            _check_range(name, getattr(self, name), "from 0 to 1", 0, 1 + 1e-6)
+        _check_range("size_step", self.size_step, "above 1 and below 2", 1 + 1e-6, 2)
+        _check_range("confidence_middle", self.confidence_middle, "from -1 to 1", -1, 1 + 1e-6)
         _check_range("block", self.block, "above 0 and at most 1", 1e-6, 1 + 1e-6)
 
     @property
@@ -194,7 +237,19 @@ _CHOICES = {
     "tie": ("first", "error"),
     "weak": ("midpoint", "gaussian"),
 }
-_LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1}
+_LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1, "sizes": 3}
+_NOT_NEGATIVE = (
+    "window_minimum",
+    "lam",
+    "smoothing",
+    "overhang",
+    "prior",
+    "place_weight",
+    "recent_penalty",
+    "confidence_slope",
+    "patience",
+)
+_SHARES = ("place_rate", "size_rate", "recent_rate", "learn_above", "lost_below", "found_above")
 
 
 def _check_range(name: str, value: Any, expected: str, least: float, limit: float) -> None:

@@ -22,7 +22,7 @@ Penalty = float | jax.Array | np.ndarray
 # Iterations between two looks at the gap, and the most of them unless stated. A look costs the
 # gradient methods as much as an iteration, the interior point method next to nothing.
 _EVERY = {"apg": 10, "interior": 1, "projected_gradient": 10, "jaxopt": 10}
-_MOST = {"apg": 20_000, "interior": 50, "projected_gradient": 20_000, "jaxopt": 20_000}
+_MOST = {"apg": 20_000, "interior": 100, "projected_gradient": 20_000, "jaxopt": 20_000}
 
 # Problems are solved in blocks of about this many votes. By the interior point method, 100 of
 # 100 x 200 take 155 ms one by one, 180 in tens and 310 all at once, where the slowest keeps the
@@ -87,7 +87,7 @@ def select_classifiers(
         shape measured the gap is reached sooner by the first; and to compare with,
         "projected_gradient" and "jaxopt" (jaxopt's proximal gradient; needs that package).
     tol: the duality gap to stop at; None: stop after `max_iterations` only.
-    max_iterations: the most iterations, by default 50 of "interior" and 20 000 of the others. With
+    max_iterations: the most iterations, by default 100 of "interior" and 20 000 of the others. With
         a tolerance it is rounded up to the iterations between two looks at the gap: 1 and 10.
     tie: which of several largest coefficients, equal within a relative tolerance of 1e-3, is
         taken: "first", the first one; "error", the one of least `errors` [..., M]; "random", any
@@ -118,9 +118,13 @@ def select_classifiers(
         raise ValueError("tol=None stops after max_iterations, but max_iterations is None, too")
     if max_iterations is not None:
         check_count("max_iterations", max_iterations)
-    if np.ndim(votes) < 2 or 0 in np.shape(votes):
-        raise ValueError(f"votes must be [..., L, M] and not empty, not {np.shape(votes)}")
-    rows, columns = np.shape(votes)[-2:]
+    try:
+        shape = np.shape(votes)
+    except ValueError:  # lists of different lengths
+        raise ValueError(f"votes must be [..., L, M], but is {votes!r}") from None
+    if len(shape) < 2 or 0 in shape:
+        raise ValueError(f"votes must be [..., L, M] and not empty, not {shape}")
+    rows, columns = shape[-2:]
     double = getattr(votes, "dtype", None) == np.float64 and jax.config.read("jax_enable_x64")
     dtype = jnp.dtype("float64" if double else "float32")
     weights = np.ones(rows, np.float32) if weights is None else weights
@@ -141,6 +145,8 @@ def select_classifiers(
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
+    if tol is not None and np.ndim(tol) != 0:
+        raise ValueError(f"tol must be one number for all problems, but has {np.shape(tol)}")
     if solver == "auto":
         solver = "apg" if tol is None else "interior"
     return _select(
@@ -150,7 +156,7 @@ def select_classifiers(
         errors,
         key,
         solver=solver,
-        most=_MOST[solver] if max_iterations is None else max_iterations,
+        most=_MOST[solver] if max_iterations is None else int(max_iterations),
         fixed=tol is None,
         started=start is not None,
         tie=tie,

@@ -47,7 +47,7 @@ def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Confi
     state, first = start_track(frames[0], box, key, config)
     _, rest = track_chunk(state, frames[1:], config)
     infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
-    return Track(infos.box, infos.confidence, infos.part_scores)
+    return Track(*infos)
 
 
 @jax.jit

@@ -43,8 +43,8 @@ class Shares:
                 f"but has {mesh.axis_names}"
             )
         self._mesh = mesh
-        cores = _cores() if jax.default_backend() == "cpu" else 1
-        self._parts = min(cores, slots) if mesh is None else mesh.shape[AXIS]
+        available = cores() if jax.default_backend() == "cpu" else 1
+        self._parts = min(available, slots) if mesh is None else mesh.shape[AXIS]
         self._slots = slots
         self.size = slots + -slots % self._parts
         self.seconds = 0.0
@@ -120,10 +120,10 @@ def _run(program: Any, arguments: tuple[Any, ...]) -> Any:
 
 @functools.cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_cores(), "dcs_jax")
+    return ThreadPoolExecutor(cores(), "dcs_jax")
 
 
-def _cores() -> int:
+def cores() -> int:
     """The cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1

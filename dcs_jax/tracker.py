@@ -1,22 +1,24 @@
 """The tracker: one frame in, one box out (Algorithm 1), with what it learns there (Algorithm 2).
 
 The functions are pure and can be jitted, vmapped and scanned: `sequence.py` scans over a video.
+What the paper does not have stands in `extras.py`.
 """
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int32
 
+from dcs_jax import extras
 from dcs_jax.checks import check_box, check_frame
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import draw_pool, responses
-from dcs_jax.core.samples import training_patches
-from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
+from dcs_jax.core.samples import LABELS, training_patches
+from dcs_jax.core.search import confidence_map, find_peak
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import ColumnSums, column_sums, window_integral
-from dcs_jax.types import BoxLike, ImageLike, Pool, State, StepInfo, Strong, Weak
+from dcs_jax.types import BoxLike, ImageLike, Pool, Sighting, State, StepInfo, Strong, Weak
 
 
 def init(
@@ -36,13 +38,17 @@ def init(
     check_box(box, sums.shape)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
-    values = _training_responses(sums, box, pool, config)
+    window = window_integral(sums, box, config.grid)
+    values = responses(training_patches(window, box, sums.shape, config), pool)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
         1, config.first_updates, lambda _, weak: update_weak(weak, values)[0], weak
     )
-    return State(box, pool, *_learn(values, weak, config))
+    weak, strong, _ = _learn(values, weak, config)
+    return State(
+        box, box[2:], pool, weak, strong, extras.begin(window, config) if config.extras else None
+    )
 
 
 def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[State, StepInfo]:
@@ -53,13 +59,17 @@ def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[S
     """
     sums = _sums(frame)
     # Lines 1-3: where in the window around its last place is the object most likely?
-    confidence = _look(state, sums, config)
-    displacement = find_peak(confidence.evidence, state.box, sums.shape, config)
-    box = _move(state.box, displacement, sums.shape, config.grid)
+    seen = _find(state, state.box, sums, config)
+    if state.extras is not None:
+        seen = extras.seek(_find, state, seen, sums, config)
     # Line 4: the patches there and around are the new training rows (Algorithm 2).
-    values = _training_responses(sums, box, state.pool, config)
-    weak, strong = _learn(values, state.weak, config)
-    return State(box, state.pool, weak, strong), _info(box, confidence, displacement, config.grid)
+    window = window_integral(sums, seen.box, config.grid)
+    values = responses(training_patches(window, seen.box, sums.shape, config), state.pool)
+    weak, strong, noise = _learn(values, state.weak, config)
+    learned = state._replace(box=seen.box, weak=weak, strong=strong)
+    if state.extras is not None:
+        learned, seen = extras.learn(state, learned, seen, window, config)
+    return learned, _info(learned, seen, noise, config)
 
 
 def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepInfo:
@@ -67,8 +77,32 @@ def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepIn
 
     After `init` this is the first row of a track, whose box is given and not searched for.
     """
-    confidence = _look(state, _sums(frame), config)
-    return _info(state.box, confidence, jnp.zeros(2, jnp.float32), config.grid)
+    sums = _sums(frame)
+    window = window_integral(sums, state.box, config.grid)
+    nowhere = jnp.zeros(2, jnp.float32)
+    found = confidence_map(window, state.pool, state.weak, state.strong, config)
+    noisy_or, part_scores = found.at(*_nearest(nowhere, config.grid))
+    seen = Sighting(state.box, noisy_or, part_scores)
+    if state.extras is not None:
+        seen = extras.recognise(state.extras, seen, window, nowhere, sums.shape, config)
+        seen = seen._replace(box=state.box)
+    return _info(state, seen, jnp.zeros(len(LABELS), jnp.float32), config)
+
+
+def _find(state: State, box: Float[Array, "4"], sums: ColumnSums, config: Config) -> Sighting:
+    """The most likely place of the object in the window around a box (lines 1-3)."""
+    window = window_integral(sums, box, config.grid)
+    found = confidence_map(window, state.pool, state.weak, state.strong, config)
+    evidence = found.evidence
+    if state.extras is not None:
+        evidence += extras.witness(state.extras, window, config)
+    displacement = find_peak(evidence, box, sums.shape, config)
+    noisy_or, part_scores = found.at(*_nearest(displacement, config.grid))
+    moved = _move(box, displacement, sums.shape, config.grid)
+    seen = Sighting(moved, noisy_or, part_scores)
+    if state.extras is not None:
+        seen = extras.recognise(state.extras, seen, window, displacement, sums.shape, config)
+    return seen
 
 
 def _sums(frame: ImageLike | ColumnSums) -> ColumnSums:
@@ -76,11 +110,6 @@ def _sums(frame: ImageLike | ColumnSums) -> ColumnSums:
         return frame
     check_frame(frame)
     return column_sums(jnp.asarray(frame))
-
-
-def _look(state: State, sums: ColumnSums, config: Config) -> ConfidenceMap:
-    window = window_integral(sums, state.box, config.grid)
-    return confidence_map(window, state.pool, state.weak, state.strong, config)
 
 
 def _move(
@@ -97,30 +126,36 @@ def _move(
     return jnp.stack([x, y, w, h])
 
 
-def _training_responses(
-    sums: ColumnSums, box: Float[Array, "4"], pool: Pool, config: Config
-) -> Float[Array, "R F"]:
-    """Responses of all features on the R training patches of a frame: [R, F]."""
-    window = window_integral(sums, box, config.grid)
-    return responses(training_patches(window, box, sums.grey.shape, config), pool)
-
-
-def _learn(values: Float[Array, "R F"], weak: Weak, config: Config) -> tuple[Weak, Strong]:
+def _learn(
+    values: Float[Array, "R F"], weak: Weak, config: Config
+) -> tuple[Weak, Strong, Float[Array, " R"]]:
     """Algorithm 2: update all weak classifiers, select among them, add up the selected.
 
-    values: [R, F], the features' responses on this frame's training patches.
+    values: [R, F], the features' responses on this frame's training patches. Returns also the
+    selection's label noise, [R].
     """
     weak, votes = update_weak(weak, values)
     shape = (config.pool_size, config.parts, config.selectors)
     errors = error(weak).reshape(shape)
-    selected = select(votes.reshape(-1, *shape), errors, config)
-    return weak, combine(selected, errors)
+    selected, noise = select(votes.reshape(-1, *shape), errors, config)
+    return weak, combine(selected, errors), noise
 
 
-def _info(
-    box: Float[Array, "4"], confidence: ConfidenceMap, displacement: Float[Array, "2"], grid: Grid
-) -> StepInfo:
-    """The record of one frame: the map is read at the cell nearest to the chosen place."""
+def _nearest(
+    displacement: Float[Array, "2"], grid: Grid
+) -> tuple[Int32[Array, ""], Int32[Array, ""]]:
+    """Row and column of the candidate place nearest to a displacement in cells."""
     middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
     row, column = jnp.round(displacement).astype(jnp.int32) + middle
-    return StepInfo(box, *confidence.at(row, column))
+    return row, column
+
+
+def _info(state: State, seen: Sighting, noise: Float[Array, " R"], config: Config) -> StepInfo:
+    """The record of one frame."""
+    lost = jnp.array(False)
+    box = seen.box
+    if state.extras is not None:
+        lost = state.extras.missing >= config.patience
+        if not config.scale:
+            box = jnp.concatenate([box[:2] + (box[2:] - state.given) / 2, state.given])
+    return StepInfo(box, seen.confidence, seen.part_scores, lost, noise)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int8, Int32, Integer, UInt8
+from jaxtyping import Array, Bool, Complex, Float, Int8, Int32, Integer, UInt8
 
 Frame = UInt8[Array, "H W *channels"]
 # What users may pass; shapes and values are checked with errors of our own.
@@ -72,24 +72,62 @@ class Strong(NamedTuple):
     alpha: Float[Array, "K N"]
 
 
+class Appearance(NamedTuple):
+    """Descriptions of the object's patch: unit vectors, their mean taken off.
+
+    first: [D] float32, from the first frame. recent: [D] float32, a running mean over the frames
+        that were learned from.
+    """
+
+    first: Float[Array, " D"]
+    recent: Float[Array, " D"]
+
+
+class Filter(NamedTuple):
+    """A correlation filter over one or two axes, numerator over denominator for each frequency.
+
+    numerator: [D, ...] complex64, the wanted answer times the conjugate of what was seen.
+    denominator: [...] float32, the power of what was seen.
+    """
+
+    numerator: Complex[Array, "D *frequencies"]
+    denominator: Float[Array, "*frequencies"]
+
+
+class Extras(NamedTuple):
+    """What a track carries beyond the paper (`Config.extras`).
+
+    appearance: what the object looks like. place, size: the filters that find both.
+    missing: [] int32, for how many frames the object has not been recognised.
+    """
+
+    appearance: Appearance
+    place: Filter
+    size: Filter
+    missing: Int32[Array, ""]
+
+
 class State(NamedTuple):
     """All that one track carries from frame to frame.
 
-    box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner.
+    box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner: where the object is and how
+        large it looks.
+    given: [2] float32, w and h of the box that was given, pixels.
+    extras: None in the paper's setting.
     """
 
     box: Float[Array, "4"]
+    given: Float[Array, "2"]
     pool: Pool
     weak: Weak
     strong: Strong
+    extras: Extras | None
 
 
-class StepInfo(NamedTuple):
-    """What one frame yields.
+class Sighting(NamedTuple):
+    """Where in a frame the object seems to be.
 
-    box: [4] float32, x, y, w, h in pixels.
-    confidence: [] float32 in [0, 1], the Noisy-OR probability at the chosen place.
-    part_scores: [K] float32 in [0, 1], each part's probability there.
+    box: [4] float32, x, y, w, h in pixels. confidence: [] and part_scores: [K] as in `StepInfo`.
     """
 
     box: Float[Array, "4"]
@@ -97,14 +135,41 @@ class StepInfo(NamedTuple):
     part_scores: Float[Array, " K"]
 
 
+class StepInfo(NamedTuple):
+    """What one frame yields.
+
+    box: [4] float32, x, y, w, h in pixels.
+    confidence: [] float32 in [0, 1], how likely the box overlaps the object by more than half; in
+        the paper's setting the Noisy-OR probability at the chosen place, which is near 1 always.
+    part_scores: [K] float32 in [0, 1], each part's probability there.
+    lost: [] bool, whether the object has not been recognised for `Config.patience` frames. Nothing
+        is learned then, and it is looked for all over the frame. False in the paper's setting.
+    noise: [R] float32, the selection's e for the frame's training rows, the mean over selectors
+        (eq. 14): how much the model corrects the label of the tracked box, row 0, and of the four
+        corners of the window. 0 for a selector other than "l1".
+    """
+
+    box: Float[Array, "4"]
+    confidence: Float[Array, ""]
+    part_scores: Float[Array, " K"]
+    lost: Bool[Array, ""]
+    noise: Float[Array, " R"]
+
+
 class Track(NamedTuple):
     """A whole sequence: `StepInfo` stacked over its frames.
 
     boxes: [T, 4] float32, x, y, w, h in pixels; the first row is the given box.
-    confidence: [T] float32 in [0, 1], the Noisy-OR probability at the chosen place.
+    confidence: [T] float32 in [0, 1], how likely each box overlaps the object by more than half.
     part_scores: [T, K] float32 in [0, 1], each part's probability there.
+    lost: [T] bool, whether the object is lost.
+    noise: [T, R] float32, how much the selection corrects the label of each training row.
+
+    In the paper's setting confidence is the Noisy-OR probability, and lost never true.
     """
 
     boxes: Float[Array, "T 4"]
     confidence: Float[Array, " T"]
     part_scores: Float[Array, "T K"]
+    lost: Bool[Array, " T"]
+    noise: Float[Array, "T R"]

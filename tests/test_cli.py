@@ -1,8 +1,10 @@
 """The command line, as a user meets it: files, short results, one-line errors, exit codes."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import cv2
 import jax
@@ -70,11 +72,14 @@ def run(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+def command(*arguments):
+    code = "from dcs_jax.cli import app; app(prog_name='dcs-jax')"
+    return [sys.executable, "-c", code, *map(str, arguments)]
+
+
 def run_process(*arguments, cwd):
     """As from a shell, both streams piped."""
-    code = "from dcs_jax.cli import app; app(prog_name='dcs-jax')"
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+    return subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, check=False)
 
 
 def box_of(clip, t=0):
@@ -131,6 +136,32 @@ def test_broken_video_keeps_what_was_tracked(video, clip, tmp_path):
     np.testing.assert_array_equal(frames, np.arange(len(frames)))
     assert f"frame {len(frames)} cannot be decoded" in line
     assert "boxes.csv" in line
+
+
+def test_ctrl_c_keeps_what_was_tracked(clip, tmp_path):
+    with VideoWriter(tmp_path / "long.avi", clip.frames[0].shape) as writer:
+        for _ in range(30):
+            for frame in clip.frames:
+                writer.write(frame)
+    out = tmp_path / "boxes.csv"
+    process = subprocess.Popen(
+        command("track", tmp_path / "long.avi", "--box", box_of(clip), "--out", out),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 120
+    while not (out.exists() and len(out.read_text().splitlines()) > 34):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    printed, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert printed == ""
+    tracked = len(read(out))
+    assert 33 <= tracked < 30 * LENGTH
+    assert errors == f"interrupted: {tracked} frames tracked, boxes in {out}\n"
 
 
 @pytest.fixture

@@ -82,10 +82,12 @@ def test_a_broken_sequence_ends_with_3_and_is_named(root, tmp_path):
         (["evaluate", "ROOT", "--presets", "best"], "'best' is no preset"),
         (["evaluate", "ROOT", "--set", "selector=best"], "selector must be one of"),
         (["evaluate", "ROOT", "--sequences", "Bolt"], "Bolt not found"),
+        (["evaluate", "ROOT", "--sequences", ""], "expected the name of a sequence"),
         (["evaluate", "ROOT", "--peers", "TLD"], "'TLD' is no peer"),
         (["evaluate", "ROOT", "--seeds", "0"], "--seeds"),
         (["evaluate", "ROOT", "--protocol", "vot"], "--protocol"),
         (["evaluate", "ROOT", "--published", "."], "holds no CSV"),
+        (["evaluate", "ROOT", "--published", "nothing"], "nothing is no folder"),
         (["report", "nothing"], "nothing holds no results"),
     ],
 )

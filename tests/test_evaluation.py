@@ -241,10 +241,24 @@ def test_a_broken_sequence_is_skipped_and_listed(root, clips, tmp_path):
     image = tmp_path / "root" / "Deer" / "img" / "0020.jpg"
     image.write_bytes(image.read_bytes()[:400])  # its size can still be read
     result = evaluate(tmp_path / "root", tmp_path / "out", settings=[SMALL], seeds=1)
-    assert [broken.name for broken in result.broken] == ["Bad", "Deer"]
+    assert [broken.sequence for broken in result.broken] == ["Bad", "Deer"]
     assert "labels 27 frames" in result.broken[0].reason
     assert "0020.jpg" in result.broken[1].reason
     assert result.summary.sequences == ["Toy"]
+    assert [note.split(": ")[0] for note in result.summary.notes] == ["skipped Bad", "skipped Deer"]
+
+
+def test_what_was_skipped_is_noted_until_it_is_run_again(clips, tmp_path):
+    options = {"settings": [SMALL], "seeds": 1}
+    for name in ("Bad", "Toy"):
+        write_otb(tmp_path / "root", name, clips["Toy"])
+    write_rows(tmp_path / "root" / "Bad" / "groundtruth_rect.txt", clips["Toy"].boxes[:-3])
+    evaluate(tmp_path / "root", tmp_path / "out", **options)
+    other = evaluate(tmp_path / "root", tmp_path / "out", sequences=["Toy"], **options)
+    assert not other.broken
+    assert [note for note in other.summary.notes if note.startswith("skipped Bad")]
+    write_rows(tmp_path / "root" / "Bad" / "groundtruth_rect.txt", clips["Toy"].boxes)
+    assert evaluate(tmp_path / "root", tmp_path / "out", **options).summary.notes == []
 
 
 def test_a_start_outside_the_frame_costs_only_itself(clips, tmp_path):
@@ -257,7 +271,7 @@ def test_a_start_outside_the_frame_costs_only_itself(clips, tmp_path):
     result = evaluate(
         tmp_path / "root", tmp_path / "out", settings=[SMALL], seeds=1, protocol="sre"
     )
-    assert {broken.name.split(", ")[2] for broken in result.broken} == {
+    assert {broken.run.split(", ")[1] for broken in result.broken} == {
         *("sre00", "sre04", "sre06"),  # to the left
         "sre08",  # a smaller box in its middle
     }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dcs_jax.io.frames import BrokenSource, chunks, open_source
-from dcs_jax.io.image_size import image_size
+from dcs_jax.io.image_size import image_size, is_cut_off
 from dcs_jax.io.overlay import VideoWriter
 
 SHAPE = (48, 64, 3)
@@ -162,6 +162,51 @@ def test_image_that_breaks_while_reading(folder):
     with pytest.raises(BrokenSource, match=r"img5\.png \(frame 4\)") as broken:
         next(frames)
     assert broken.value.frame == 4
+
+
+def noise(suffix):
+    """A file of an image that fills it."""
+    image = np.random.default_rng(0).integers(0, 255, SHAPE).astype(np.uint8)
+    return cv2.imencode(f".{suffix}", image)[1].tobytes()
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "bmp", "tif", "webp", "ppm", "jp2"])
+@pytest.mark.parametrize("share", [0.5, 0.95])
+def test_image_that_is_cut_off_while_reading(tmp_path, suffix, share, capfd):
+    """OpenCV itself decodes half a JPEG, and fills the rest with grey."""
+    for n in range(3):
+        (tmp_path / f"{n}.{suffix}").write_bytes(noise(suffix))
+    frames = iter(open_source(tmp_path))
+    next(frames)
+    path = tmp_path / f"1.{suffix}"
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(BrokenSource, match=r"1\.\w+ \(frame 1\)") as broken:
+        next(frames)
+    assert broken.value.frame == 1
+    if suffix in ("jpg", "png"):  # the decoders of which write to the terminal
+        assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("content", [None, b""])
+def test_image_that_is_gone_while_reading(folder, content):
+    frames = iter(open_source(folder))
+    next(frames)
+    (folder / "img2.png").unlink()
+    if content is not None:
+        (folder / "img2.png").write_bytes(content)
+    with pytest.raises(BrokenSource, match=r"img2\.png \(frame 1\)"):
+        next(frames)
+
+
+def test_what_lies_around_a_jpeg_is_no_part_of_it():
+    whole = noise("jpg")
+    thumbnail = noise("jpg")[:1000] + b"\xff\xd9"
+    segment = b"\xff\xe1" + (2 + len(thumbnail)).to_bytes(2) + thumbnail
+    padded = whole[:2] + segment + b"\xff\xff" + whole[2:]
+    for image in (whole, padded, whole + b"some trailer"):
+        assert not is_cut_off(image)
+    for length in (2, 3, 700, len(segment) + 4, len(padded) - 1):
+        assert is_cut_off(padded[:length])
 
 
 def test_truncated_video_yields_its_good_frames_first(video, tmp_path):

@@ -77,6 +77,7 @@ def test_every_change_is_made_to_every_preset():
     ("text", "message"),
     [
         ("best", "'best' is no preset: expected one of default, paper, authors"),
+        (" ", "'' is no preset"),
         ("paper colour=red", "'colour=red' is no change of a field: .* selectors"),
         ("paper parts", "'parts' is no change"),
         ("paper parts=3", "parts must be one of 1, 5, 9"),

@@ -223,6 +223,12 @@ def test_in_float64_the_gap_goes_further():
     assert single.beta.dtype == np.float32
 
 
+def test_a_count_may_be_numpys():
+    votes, labels = example()
+    found = select_classifiers(votes, labels, tol=None, max_iterations=np.arange(5, 7)[0])
+    assert (found.iterations == 5).all()
+
+
 # Ties
 
 
@@ -361,20 +367,27 @@ NAN = np.array([1, np.nan, 1, np.inf, 1])
     [
         ({"votes": np.ones(3)}, r"votes must be \[\.\.\., L, M\] and not empty, not \(3,\)"),
         ({"votes": np.ones((0, 3))}, r"not empty, not \(0, 3\)"),
+        ({"votes": [[1.0, 1.0], [1.0]]}, r"votes must be \[\.\.\., L, M\], but is \[\[1.0, 1.0\]"),
         ({"votes": VOTES * 1j}, "votes must be real numbers, but is complex128"),
         ({"votes": VOTES * NAN[:, None]}, "votes must be finite, but 6 of its 15 values are not"),
         ({"labels": np.ones(4)}, r"labels must have the shape \[\.\.\., 5\], but has \(4,\)"),
-        ({"labels": NAN}, "labels must be finite, but 2 of its 5 values are not: nan, inf"),
+        ({"labels": NAN}, "labels must be finite, but 2 of its 5 values are not .*: nan, inf"),
+        (
+            {"labels": LABELS * 1e39},
+            r"labels must be finite, .* not \(in float32\): 1e\+39, 1e\+39",
+        ),
         ({"labels": "abc"}, "labels must be real numbers"),
-        ({"lam": -0.5}, "lam must be finite and at least 0, but 1 of its 1 values is not: -0.5"),
+        ({"lam": -0.5}, "lam must be finite and at least 0, but 1 of its 1 values is not .*: -0.5"),
         ({"lam": np.inf}, "lam must be finite"),
         ({"lam_noise": -1}, "lam_noise must be finite and at least 0"),
         ({"weights": -LABELS}, "weights must be finite and at least 0, but 5 .* -1.0, -1.0"),
         ({"weights": np.ones(3)}, r"weights must have the shape \[\.\.\., 5\]"),
         ({"start": -np.ones(3)}, "start must be finite and at least 0"),
         ({"tol": -1.0}, "tol must be finite and at least 0"),
+        ({"tol": [1e-3, 1e-4]}, r"tol must be one number for all problems, but has \(2,\)"),
         ({"tol": None}, "tol=None stops after max_iterations"),
         ({"max_iterations": 0}, "max_iterations must be an integer of at least 1, but is 0"),
+        ({"max_iterations": 3.0}, "max_iterations must be an integer of at least 1, but is 3.0"),
         ({"solver": "simplex"}, "solver must be one of 'auto', .* but is 'simplex'"),
         ({"tie": "last"}, "tie must be one of 'first', 'error', 'random', but is 'last'"),
         ({"tie": "error"}, "errors goes with tie='error' only, but is missing at tie='error'"),

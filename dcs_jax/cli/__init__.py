@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 import dcs_jax
+from dcs_jax.cli.batch import batch
 from dcs_jax.cli.demo import demo
 from dcs_jax.cli.environment import silence_opencv
 from dcs_jax.cli.errors import OneLineErrors
@@ -22,6 +23,7 @@ app.command()(track)
 app.command()(demo)
 app.command()(evaluate)
 app.command()(report)
+app.command()(batch)
 
 
 def _show_version(wanted: bool) -> None:

@@ -10,6 +10,7 @@ from dcs_jax.io.frames import BrokenSource
 
 BAD_INPUT = 2
 BROKEN_SOURCE = 3
+INTERRUPTED = 130  # as a shell gives it for a process ended by Ctrl-C
 
 
 class OneLineErrors(TyperGroup):

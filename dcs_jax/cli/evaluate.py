@@ -6,17 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from dcs_jax.cli.environment import keep_compiled_programs
-from dcs_jax.cli.errors import BROKEN_SOURCE
+from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
+from dcs_jax.cli.progress import work_bar
 from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
 from dcs_jax.evaluation.experiment import Watch
 from dcs_jax.evaluation.experiment import evaluate as run_evaluation
 from dcs_jax.evaluation.settings import with_changes
-
-INTERRUPTED = 130  # as a shell gives it for a process ended by Ctrl-C
 
 
 class ProtocolName(StrEnum):
@@ -102,7 +99,7 @@ def evaluate(
         if page:
             typer.echo(write_page(done.summary, out))
     for broken in done.broken:
-        typer.echo(f"skipped {broken.name}: {broken.reason}", err=True)
+        typer.echo(f"skipped {broken}", err=True)
     if done.interrupted:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(INTERRUPTED)
@@ -121,16 +118,7 @@ class ProgressBar(Watch):
     """A bar over all track-frames with the time left, on stderr, shown on a terminal only."""
 
     def __init__(self) -> None:
-        console = Console(stderr=True)
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
+        self._progress = work_bar()
         self._task = self._progress.add_task("reading", total=None)
 
     def __enter__(self) -> "ProgressBar":

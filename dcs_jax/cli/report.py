@@ -15,6 +15,7 @@ from dcs_jax.evaluation.tables import write_summary
 
 PAGE = "index.html"
 NEEDS = ("jinja2", "matplotlib")
+PIPED_WIDTH = 120
 
 
 def report(
@@ -66,7 +67,7 @@ def print_means(summary: Summary) -> None:
     over = sorted({sequence for sequence, _ in summary.common}, key=str.lower)
     what = f"{len(over)} sequences" if len(over) != 1 else over[0]
     table = Table(title=f"{what}: mean over the seeds, with its 95 % interval")
-    table.add_column("setting")
+    table.add_column("setting", overflow="fold")  # a name that is cut short is no name
     for column in ("seeds", "centre error, px", "success rate", "AUC", "P@20", "frames/s"):
         table.add_column(column, justify="right")
     for setting, numbers in summary.overall.items():
@@ -79,7 +80,10 @@ def print_means(summary: Summary) -> None:
             _interval(numbers["precision"], 3),
             f"{summary.speed[setting]:.0f}",
         )
-    Console().print(table)
+    console = Console()
+    if not console.is_terminal:
+        console.width = PIPED_WIDTH
+    console.print(table)
 
 
 def _interval(values: Spread, digits: int) -> str:

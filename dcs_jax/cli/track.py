@@ -16,6 +16,7 @@ from rich.text import Text
 import dcs_jax
 from dcs_jax.checks import check_box
 from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.cli.errors import INTERRUPTED
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
 from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
@@ -152,6 +153,11 @@ def _track_to_files(
                 progress.advance(task, len(found))
         except BrokenSource as error:
             raise BrokenSource(f"{error}; what was tracked is in {out}", error.frame) from error
+        except KeyboardInterrupt:
+            progress.stop()
+            tracked = sum(map(len, boxes))
+            typer.echo(f"interrupted: {tracked} frames tracked, boxes in {out}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
     return np.concatenate(boxes)
 
 

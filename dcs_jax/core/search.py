@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
+from dcs_jax.core.correlation import parabola_peak
 from dcs_jax.core.haar import CORNERS
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
@@ -80,7 +81,15 @@ def find_peak(
     nearest = jnp.argmin(jnp.where(best, squared, jnp.inf))
     seed = (jnp.arange(best.size) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
-    return jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
+    centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
+    if not config.extras:
+        return centroid
+    # The place filter's answer is smooth: a parabola through the neighbours of a single best place.
+    row, column = nearest // score.shape[1], nearest % score.shape[1]
+    around = jnp.pad(score, 1, constant_values=-jnp.inf)
+    near = jax.lax.dynamic_slice(around, (row, column), (3, 3))
+    offset = jnp.stack([parabola_peak(*near[:, 1]), parabola_peak(*near[1])])
+    return jnp.where(plateau.sum() > 1, centroid, centroid + offset)
 
 
 class _Classifiers(NamedTuple):

@@ -16,27 +16,31 @@ TIE_TOLERANCE = 1e-3
 
 def select(
     votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
-) -> Int32[Array, "K N"]:
-    """Choose a classifier for each selector: [K, N] int32 in [0, M).
+) -> tuple[Int32[Array, "K N"], Float[Array, " R"]]:
+    """Choose a classifier for each selector: [K, N] int32 in [0, M), and the label noise: [R].
+
+    The noise is e of eq. 14, by how much the model corrects each row's label, in the mean over the
+    selectors; 0 where the selector is not "l1".
 
     votes: [R, M, K, N] in {-1, 1}, the classifiers' votes on this frame's rows.
     error: [M, K, N], the fraction of all rows so far that they got wrong.
     """
+    believed = jnp.zeros(len(votes), votes.dtype)
     match config.selector:
         case "error":
-            return first_maximum(-error)
+            return first_maximum(-error), believed
         case "first":
-            return first_maximum(agreement_with_labels(votes))
+            return first_maximum(agreement_with_labels(votes)), believed
         case "mil":
-            return jax.vmap(_most_likely_bag, in_axes=2)(votes)
+            return jax.vmap(_most_likely_bag, in_axes=2)(votes), believed
         case "l1":
             return _l1(votes, error, config)
 
 
 def _l1(
     votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
-) -> Int32[Array, "K N"]:
-    """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N].
+) -> tuple[Int32[Array, "K N"], Float[Array, " R"]]:
+    """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N] and [R].
 
     R distinct rows leave 2^R columns that differ: each problem is solved for those with their
     counts (32 columns instead of the paper's 200: five times faster, the same coefficients). The
@@ -51,7 +55,8 @@ def _l1(
     counts = jnp.zeros((2**rows, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
 
     problem = apg.Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
-    beta = jnp.where(counts > 0, apg.solve(problem, config.iterations).beta, 0)  # [2^R, K * N]
+    solution = apg.solve(problem, config.iterations)
+    beta = jnp.where(counts > 0, solution.beta, 0)  # [2^R, K * N]
     # Where the penalty leaves no classifier, the best correlated one stands in.
     scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns)[:, None])
     best = is_maximum(jnp.where(counts > 0, scores, -jnp.inf))
@@ -60,8 +65,8 @@ def _l1(
     best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
     chosen = ((best >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
     if config.tie == "error":
-        return first_maximum(jnp.where(chosen, -error, -jnp.inf))
-    return _first(chosen)
+        return first_maximum(jnp.where(chosen, -error, -jnp.inf)), solution.noise.mean(1)
+    return _first(chosen), solution.noise.mean(1)
 
 
 def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:

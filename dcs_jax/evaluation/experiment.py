@@ -17,7 +17,7 @@ from dcs_jax.evaluation.datasets import Entry, Sequence, find_sequences
 from dcs_jax.evaluation.peers import run_peer, select_peers
 from dcs_jax.evaluation.protocol import PROTOCOLS, Protocol, Start, starts
 from dcs_jax.evaluation.provenance import code_version, digest, environment, peer_version
-from dcs_jax.evaluation.results import Record, Results, read_published
+from dcs_jax.evaluation.results import Record, Results, Skipped, read_published
 from dcs_jax.evaluation.runner import Runs, run_seeds
 from dcs_jax.evaluation.settings import Setting, parse_setting
 from dcs_jax.evaluation.summary import Summary, summarise
@@ -25,13 +25,6 @@ from dcs_jax.evaluation.tables import write_summary
 
 PEER_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
 IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every setting
-
-
-class Broken(NamedTuple):
-    """A sequence, or one setting on it, that could not be run, and why."""
-
-    name: str
-    reason: str
 
 
 class Evaluation(NamedTuple):
@@ -46,7 +39,7 @@ class Evaluation(NamedTuple):
     summary: Summary
     ran: int
     reused: int
-    broken: list[Broken]
+    broken: list[Skipped]
     interrupted: bool
 
 
@@ -65,7 +58,7 @@ class Watch:
     def advance(self, work: int) -> None:
         """After each chunk of frames: the work that was done."""
 
-    def broken(self, broken: Broken) -> None:
+    def broken(self, broken: Skipped) -> None:
         """Where something could not be run."""
 
 
@@ -116,6 +109,8 @@ def evaluate(
     if not contestants:
         raise ValueError("there is nothing to run: expected a setting or a peer")
     entries = find_sequences(root, sequences)
+    if not entries:
+        raise ValueError("there is nothing to run: expected the name of a sequence")
     results = Results(out)
     if published is not None:
         results.write_published(read_published(published))
@@ -126,6 +121,7 @@ def evaluate(
         interrupted = False
     except KeyboardInterrupt:
         interrupted = True
+    results.write_skipped(work.broken, [entry.name for entry in entries])
     summary = summarise([results])
     write_summary(summary, results.folder)
     return Evaluation(results.folder, summary, work.ran, work.reused, work.broken, interrupted)
@@ -138,8 +134,9 @@ class _Work:
         self._results, self._watch = results, watch
         self._jobs: dict[str, list[_Job]] = {}
         self._sequences: dict[str, Sequence] = {}
+        self._data: dict[str, str] = {}
         self.ran = self.reused = 0
-        self.broken: list[Broken] = []
+        self.broken: list[Skipped] = []
 
     def plan(
         self,
@@ -153,9 +150,9 @@ class _Work:
                 sequence = entry.load()
                 data = sequence.fingerprint()
             except (ValueError, OSError) as error:
-                self._skip(entry.name, error)
+                self._skip(entry.name, "", error)
                 continue
-            self._sequences[entry.name] = sequence
+            self._sequences[entry.name], self._data[entry.name] = sequence, data
             self._jobs[entry.name] = [
                 _job(self._results, sequence, data, contestant, start)
                 for contestant in contestants
@@ -171,28 +168,29 @@ class _Work:
         """Run what is missing, sequence by sequence, and store each run as it is done."""
         for name, sequence in self._sequences.items():
             todo = [job for job in self._jobs[name] if job.missing]
-            kept = self._results.keeps_sequence(sequence)
+            data = self._data[name]
+            kept = self._results.keeps_sequence(name, data)
             if kept and not todo:
                 continue
             try:
                 frames = _frames(sequence)
                 if not kept:
-                    self._results.keep_sequence(sequence, frames)
+                    self._results.keep_sequence(sequence, data, frames)
             except ValueError as error:
-                self._skip(name, error)
+                self._skip(name, "", error)
                 continue
             for job in todo:
                 self._watch.working(f"{name} · {job.contestant.name}")
                 try:
                     record = _run(job, frames, self._watch.advance)
                 except ValueError as error:
-                    self._skip(f"{name}, {job.contestant.name}, {job.start.name}", error)
+                    self._skip(name, f"{job.contestant.name}, {job.start.name}", error)
                     continue
                 self._results.write(record)
                 self.ran += 1
 
-    def _skip(self, name: str, error: Exception) -> None:
-        self.broken.append(Broken(name, " ".join(str(error).split())))
+    def _skip(self, sequence: str, run: str, error: Exception) -> None:
+        self.broken.append(Skipped(sequence, run, " ".join(str(error).split())))
         self._watch.broken(self.broken[-1])
 
 

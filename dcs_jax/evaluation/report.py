@@ -15,10 +15,11 @@ from markupsafe import Markup
 
 from dcs_jax.evaluation import plots
 from dcs_jax.evaluation.metrics import PRECISION_AT
-from dcs_jax.evaluation.results import PICTURES, atomic
+from dcs_jax.evaluation.results import PICTURES
 from dcs_jax.evaluation.statistics import Spread, ranks
 from dcs_jax.evaluation.strips import Picture, film_strip
 from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
+from dcs_jax.io.files import atomic
 
 SIGNIFICANT = 0.05
 OVERVIEW_SEQUENCES = 12  # more would not fit into one picture

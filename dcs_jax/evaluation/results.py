@@ -4,6 +4,7 @@
     runs/SEQUENCE/SETTING/START-seed00.txt  the same boxes as OTB text, one x,y,w,h a line
     sequences/SEQUENCE.npz                  labels and some small frames for the film strips
     published.csv                           columns of other people's results, if any were given
+    skipped.csv                             what could not be run, and why
     results.csv, summary.json, summary.md   numbers, by `tables`
     index.html, overview.png                the page and a picture, by `report`
 
@@ -12,19 +13,17 @@ Files are written to a temporary name and renamed, so that none is ever half the
 
 import csv
 import json
-import os
-import re
-import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax.evaluation.datasets import Sequence
+from dcs_jax.io.files import atomic, safe_name
 
 PICTURES = 48  # frames kept of a sequence
 PICTURE_WIDTH = 480  # pixels at most
@@ -85,6 +84,17 @@ class Published(NamedTuple):
     runs: int
 
 
+class Skipped(NamedTuple):
+    """What could not be run: a sequence, or one setting from one start on it, and why."""
+
+    sequence: str
+    run: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{', '.join(filter(None, self[:2]))}: {self.reason}"
+
+
 class Results:
     """The results in a folder."""
 
@@ -121,18 +131,19 @@ class Results:
             if (record := _read_record(path)) is not None:
                 yield record
 
-    def keep_sequence(self, sequence: Sequence, frames: Iterable[NDArray[np.uint8]]) -> None:
-        """Store the labels of a sequence and small pictures of frames spread evenly over it."""
+    def keep_sequence(
+        self, sequence: Sequence, data: str, frames: Iterable[NDArray[np.uint8]]
+    ) -> None:
+        """Store the labels of a sequence and small pictures of frames spread evenly over it.
+
+        data: the sequence's fingerprint.
+        """
         labelled = np.flatnonzero(~np.isnan(sequence.truth).any(axis=1))
         chosen = np.linspace(0, len(labelled) - 1, min(PICTURES, len(labelled))).round()
         shown = labelled[chosen.astype(int)]
         wanted = set(shown.tolist())
         pictures = [_encode(frame) for t, frame in enumerate(frames) if t in wanted]
-        about = {
-            "sequence": sequence.name,
-            "size": sequence.frames.shape[:2],
-            "data": sequence.fingerprint(),
-        }
+        about = {"sequence": sequence.name, "size": sequence.frames.shape[:2], "data": data}
         with atomic(self._labels_path(sequence.name)) as file:
             np.savez(
                 file,
@@ -143,11 +154,11 @@ class Results:
                 pictures=np.frombuffer(b"".join(pictures), np.uint8),
             )
 
-    def keeps_sequence(self, sequence: Sequence) -> bool:
-        """Whether the labels and pictures of this very sequence are there."""
-        path = self._labels_path(sequence.name)
+    def keeps_sequence(self, name: str, data: str) -> bool:
+        """Whether the labels and pictures of the sequence with this fingerprint are there."""
+        path = self._labels_path(name)
         kept = _read_labels(path) if path.is_file() else None
-        return kept is not None and kept.data == sequence.fingerprint()
+        return kept is not None and kept.data == data
 
     def labels(self) -> dict[str, Labels]:
         """What is kept of every sequence, by its name."""
@@ -181,36 +192,27 @@ class Results:
                 for row in csv.DictReader(file)
             ]
 
+    def write_skipped(self, skipped: Iterable[Skipped], tried: Container[str]) -> None:
+        """Store what was skipped; what is known of sequences that were not `tried` now stays."""
+        rows = [row for row in self.skipped() if row.sequence not in tried]
+        with atomic(self.folder / "skipped.csv", text=True) as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(Skipped._fields)
+            table.writerows([*rows, *skipped])
+
+    def skipped(self) -> list[Skipped]:
+        """What `write_skipped` has stored."""
+        path = self.folder / "skipped.csv"
+        if not path.is_file():
+            return []
+        with open(path, newline="", encoding="utf-8") as file:
+            return [Skipped(**row) for row in csv.DictReader(file)]
+
     def _labels_path(self, sequence: str) -> Path:
-        return self.folder / "sequences" / f"{_file_name(sequence)}.npz"
+        return self.folder / "sequences" / f"{safe_name(sequence)}.npz"
 
     def _path(self, sequence: str, setting: str, start: str) -> Path:
-        return self.folder / "runs" / _file_name(sequence) / _file_name(setting) / f"{start}.npz"
-
-
-class atomic:  # noqa: N801 (reads as a verb: with atomic(path) as file)
-    """A file to write that takes its name only when all is written; a context manager."""
-
-    def __init__(self, path: Path, text: bool = False) -> None:
-        self._path, self._text = path, text
-
-    def __enter__(self) -> IO[Any]:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        handle, self._temporary = tempfile.mkstemp(".part", ".", self._path.parent)
-        self._file: IO[Any] = (
-            os.fdopen(handle, "w", encoding="utf-8", newline="")
-            if self._text
-            else os.fdopen(handle, "wb")
-        )
-        return self._file
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        self._file.close()
-        if kind is None:
-            os.chmod(self._temporary, 0o644)  # a temporary file is readable to its owner only
-            os.replace(self._temporary, self._path)
-        else:
-            os.unlink(self._temporary)
+        return self.folder / "runs" / safe_name(sequence) / safe_name(setting) / f"{start}.npz"
 
 
 def read_published(folder: str | Path) -> list[Published]:
@@ -219,10 +221,12 @@ def read_published(folder: str | Path) -> list[Published]:
     Columns: sequence, tracker, success_rate, runs, centre_error_px or centre_error_px_mean, and
     optionally centre_error_px_sd.
 
-    Raises ValueError where no file has them, or a number is none.
+    Raises ValueError where there is no such folder, no file has them, or a number is none.
     """
     published = []
     folder = Path(folder)
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder: expected a folder of tables of published results")
     for path in sorted(folder.glob("*.csv")):
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
@@ -290,8 +294,3 @@ def _encode(frame: NDArray[np.uint8]) -> bytes:
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return bytes(encoded)
-
-
-def _file_name(name: str) -> str:
-    """A name that is safe as a folder's: blanks, slashes and the like become _."""
-    return re.sub(r"[^\w=.,()\[\]-]", "_", name)

@@ -35,7 +35,7 @@ def parse_setting(text: str) -> Setting:
 
     Raises ValueError for an unknown preset or field, or a value out of its range.
     """
-    preset, *changes = text.split()
+    preset, *changes = text.split() or [""]
     if preset not in PRESETS:
         raise ValueError(f"{preset!r} is no preset: expected one of {', '.join(PRESETS)}")
     fields: dict[str, Any] = dict(map(_parse_change, changes))

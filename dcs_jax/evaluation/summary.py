@@ -105,6 +105,7 @@ def summarise(folders: Sequence[Results]) -> Summary:
     labels: dict[str, Labels] = {}
     records: dict[tuple[str, str, str], Record] = {}
     for results in folders:
+        notes += [f"skipped {skipped}" for skipped in results.skipped()]
         for sequence, kept in results.labels().items():
             labels.setdefault(sequence, kept)
         for record in results.records():

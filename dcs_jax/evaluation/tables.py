@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from dcs_jax.evaluation.metrics import Scores
-from dcs_jax.evaluation.results import atomic
 from dcs_jax.evaluation.statistics import Spread, ranks
 from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
+from dcs_jax.io.files import atomic
 
 
 def write_summary(summary: Summary, folder: Path) -> None:

@@ -5,7 +5,7 @@ separated by commas, tabs or blanks, NaN where the frame is unlabelled.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 ANNOTATION_NAME = "groundtruth_rect.txt"
+COLUMNS = ("frame", "x", "y", "w", "h", "confidence")  # of a table of results
 
 
 def read_boxes(path: str | Path, zeros_unlabelled: bool = False) -> NDArray[np.float64]:
@@ -78,25 +79,33 @@ def find_annotation(source: str | Path) -> Path | None:
     return next((path for path in candidates if path.is_file()), None)
 
 
+def box_rows(boxes: ArrayLike, confidence: ArrayLike, start: int) -> Iterator[tuple[str, ...]]:
+    """The rows of a table of results, with `COLUMNS`: boxes [n, 4] and confidence [n] from `start`.
+
+    Numbers are as short as gives the same float32 when read again.
+    """
+    columns = np.column_stack([boxes, confidence]).astype(np.float32)
+    for frame, row in enumerate(columns, start):
+        yield (str(frame), *map(str, row))
+
+
 class BoxWriter:
     """Writes results as a table with the columns frame, x, y, w, h, confidence: one row a frame.
 
     A context manager. Every call of `write` reaches the disk, so that nothing tracked is lost.
-    Numbers are as short as gives the same float32 when read again.
     """
 
     def __init__(self, path: str | Path, start: int = 0) -> None:
         """Open the file; `start` is the index of the first frame that will be written."""
         self._file = Path(path).open("w", encoding="utf-8", newline="")  # noqa: SIM115
         self._frame = start
-        self._file.write("frame,x,y,w,h,confidence\n")
+        self._file.write(",".join(COLUMNS) + "\n")
         self._file.flush()
 
     def write(self, boxes: ArrayLike, confidence: ArrayLike) -> None:
         """Append the boxes [n, 4] and confidences [n] of the next n frames."""
-        columns = np.column_stack([boxes, confidence]).astype(np.float32)
-        for row in columns:
-            self._file.write(",".join([str(self._frame), *map(str, row)]) + "\n")
+        for row in box_rows(boxes, confidence, self._frame):
+            self._file.write(",".join(row) + "\n")
             self._frame += 1
         self._file.flush()
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dcs_jax.io.image_size import image_size
+from dcs_jax.io.image_size import image_size, is_cut_off
 
 Frame = NDArray[np.uint8]  # [H, W, 3], RGB
 Item = TypeVar("Item")
@@ -88,7 +88,13 @@ class ImageFolder(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
         for index, path in enumerate(self._images, self.start):
-            image = cv2.imread(str(path), flags)
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                raise BrokenSource(f"{path} (frame {index}): {error.strerror}", index) from error
+            if is_cut_off(content):
+                raise BrokenSource(f"{path} (frame {index}) is cut off", index)
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
             if image is None:
                 raise BrokenSource(f"{path} (frame {index}) cannot be decoded", index)
             yield image.astype(np.uint8, copy=False)

@@ -1,4 +1,4 @@
-"""The size of an image from its header, without decoding the pixels.
+"""What the bytes of an image tell without decoding its pixels: its size, and whether it is whole.
 
 A folder is checked for images of odd size before anything is tracked; decoding them all for that
 would double the time spent on reading.
@@ -10,8 +10,11 @@ from typing import BinaryIO
 
 import cv2
 
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+
 # JPEG markers that start a frame header: C0 to CF without DHT, JPG and DAC.
 _JPEG_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_SCAN, _JPEG_END = b"\xff\xda", b"\xff\xd9"
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -23,10 +26,10 @@ def image_size(path: Path) -> tuple[int, int]:
     with path.open("rb") as file:
         head = file.read(24)
         try:
-            if head.startswith(b"\x89PNG\r\n\x1a\n"):
+            if head.startswith(_PNG):
                 columns, rows = struct.unpack(">II", head[16:24])
                 return rows, columns
-            if head.startswith(b"\xff\xd8"):
+            if head.startswith(_JPEG):
                 return _jpeg_size(file)
         except struct.error:
             raise ValueError(f"{path} is cut off within its header") from None
@@ -46,3 +49,24 @@ def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
             rows, columns = struct.unpack(">xHH", file.read(5))
             return rows, columns
         file.seek(length - 2, 1)
+
+
+def is_cut_off(image: bytes) -> bool:
+    """Whether the file of a JPEG or PNG image ends before the image does; False for other formats.
+
+    OpenCV decodes a JPEG that is cut off, grey from there on, with no more than a line on stderr;
+    of the other formats it decodes none.
+    """
+    if image.startswith(_PNG):
+        return b"IEND" not in image
+    if not image.startswith(_JPEG):
+        return False
+    # A thumbnail, which is an image of its own, lies in a segment before the first scan. Within
+    # the scans the two bytes of the end cannot occur.
+    start = len(_JPEG)
+    while start < len(image) and image[start : start + 2] != _JPEG_SCAN:
+        if image[start] != 0xFF:
+            return False  # no segment, nor padding before one: the decoder may know better
+        padding = image[start + 1 : start + 2] == b"\xff"
+        start += 1 if padding else 2 + int.from_bytes(image[start + 2 : start + 4])
+    return _JPEG_END not in image[start:]

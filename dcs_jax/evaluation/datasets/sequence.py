@@ -25,13 +25,18 @@ class Sequence(NamedTuple):
     truth: NDArray[np.float64]
 
     def fingerprint(self) -> str:
-        """A digest of the labels and of the names and sizes of the files of the frames."""
+        """A digest of the labels and of the files of the frames, their names and contents.
+
+        Reading the files is a small part of decoding them, and their sizes alone are not enough:
+        those of uncompressed images stay the same whatever is drawn into them.
+        """
         path = self.frames.path
         files = sorted(path.iterdir()) if path.is_dir() else [path]
         digest = hashlib.sha256(self.truth.tobytes())
         digest.update(f"{self.frames.start} {self.frames.length}".encode())
-        for file in files:
-            digest.update(f"{file.name} {file.stat().st_size}\n".encode())
+        for file in filter(Path.is_file, files):
+            with file.open("rb") as content:
+                digest.update(file.name.encode() + hashlib.file_digest(content, "sha256").digest())
         return digest.hexdigest()[:16]
 
 
