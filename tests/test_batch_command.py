@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from data_sets import write_images, write_otb, write_video
+from dcs_jax.cli.chunked import track_chunks
 from typer.testing import CliRunner
 
 import dcs_jax
 from dcs_jax.cli import app
-from dcs_jax.cli.chunked import track_chunks
 from dcs_jax.io.frames import open_source
 from dcs_jax.synthetic import render
 
