@@ -40,7 +40,7 @@ collectives = re.findall(names, "".join(programs))
 np.savez(out, one=one.boxes, many=many.boxes, scores=one.confidence,
          programs=len(programs), collectives=np.array(collectives, dtype=str))
 """
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12)
+SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 BOXES = np.array([(20, 30, 30, 36), (40, 32, 24, 30), (60, 50, 36, 30)], np.float32)
 
 

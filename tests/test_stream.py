@@ -1,5 +1,6 @@
 """Streams: the same tracks in chunks, with tracks that come and go and sources that break."""
 
+import dataclasses
 import itertools
 import threading
 
@@ -14,7 +15,7 @@ from dcs_jax.io.frames import ahead, chunks
 from dcs_jax.synthetic import render
 from dcs_jax.types import Track
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12)
+SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 SHIFTS = np.array([(0, 0, 0, 0), (5, -4, 3, 8)], np.float32)
 KEYS = jax.vmap(jax.random.key)(jnp.arange(2))
 
@@ -39,6 +40,15 @@ def test_a_stream_is_the_batch_whatever_the_chunks(clip, length):
         np.testing.assert_allclose(streamed, expected, atol=1e-6)
     again = dcs_jax.track_stream(iter(clip.frames), boxes, KEYS, SMALL, chunk=length)
     np.testing.assert_array_equal(joined(again).boxes, batch.boxes)
+
+
+def test_with_extras_it_differs_by_rounding(clip):
+    config = dataclasses.replace(SMALL, extras=True)
+    boxes = clip.boxes[0] + SHIFTS
+    batch = dcs_jax.track_batch(clip.frames, boxes, config=config)
+    streamed = joined(dcs_jax.track_stream(clip.frames, boxes, config=config, chunk=6))
+    np.testing.assert_allclose(streamed.boxes, batch.boxes, atol=0.05)
+    np.testing.assert_array_equal(streamed.lost, batch.lost)
 
 
 def test_chunks_hold_the_frames_in_order(clip):
