@@ -22,9 +22,10 @@ def track_batch(
 ) -> Track:
     """Follow B boxes through one video, or one box through each of B videos.
 
-    The same boxes as B calls of `track_sequence`, in less time: on a CPU one thread a core, and the
-    work on a frame that does not depend on the target once for all of them. Memory: beside the
-    frames, that of the states and of a chunk of 32 frames.
+    The same boxes as B calls of `track_sequence`, bit for bit with `extras=False`, else up to the
+    rounding of the boxes' sizes, which is another in every compiled program. In less time: on a CPU
+    one thread a core, and the column sums of a frame once a core, not once a target. Memory: beside
+    the frames, that of the states and of a chunk of 32 frames.
 
     frames: uint8, NumPy or JAX. One video for all boxes, [T, H, W] grey or [T, H, W, 3] RGB, or a
         video for each, [B, T, H, W] or [B, T, H, W, 3]. Four axes with 3 at the end are always one

@@ -256,13 +256,16 @@ def _check_range(name: str, value: Any, expected: str, least: float, limit: floa
     """ValueError unless value is a number, or an array of numbers, in [least, limit).
 
     Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
-    no value to look at: they pass.
+    no value to look at, and in `track_batch` around arrays whose values lie in other processes:
+    they pass.
     """
     if isinstance(value, (str, bytes, list, dict, tuple)):
         raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
     if isinstance(value, jax.core.Tracer) or not isinstance(
         value, (int, float, np.number, np.ndarray, jax.Array)
     ):
+        return
+    if isinstance(value, jax.Array) and not value.is_fully_addressable:
         return
     numbers = np.asarray(value)
     if not ((numbers >= least) & (numbers < limit)).all():

@@ -151,5 +151,7 @@ def _tile(
     sides = jnp.array([frame_shape[1], frame_shape[0]], jnp.float32)
     counts = jnp.ceil(sides / (box[2:] * (config.window_factor - 1))).astype(jnp.int32)
     row, column = jnp.divmod(number % (counts[0] * counts[1]), counts[0])
-    middle = (jnp.stack([column, row]).astype(jnp.float32) + 0.5) * sides / counts
+    middle = (
+        (jnp.stack([column, row]).astype(jnp.float32) + 0.5) * sides / counts.astype(jnp.float32)
+    )
     return jnp.concatenate([middle - box[2:] / 2, box[2:]])

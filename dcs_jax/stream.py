@@ -160,7 +160,8 @@ def track_stream(
         for chunk in dcs_jax.track_stream(source, [(99, 146, 48, 64)]):
             chunk.track.boxes  # [S, n, 4], of the frames from chunk.start on
 
-    The same boxes as `track_batch` and `track_sequence`, whatever the length of the chunks. While
+    The same boxes as `track_batch` and `track_sequence`, in the same sense, whatever the length of
+    the chunks. While
     one is tracked, a thread reads the frames of the next. Memory: the states and two chunks,
     however many frames there are.
 

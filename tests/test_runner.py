@@ -9,7 +9,7 @@ from dcs_jax import Config, slots
 from dcs_jax.evaluation.runner import run_seeds
 from dcs_jax.synthetic import render
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12)
+SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 
 
 @pytest.fixture(scope="module")

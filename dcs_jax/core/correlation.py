@@ -25,7 +25,9 @@ _PLACE_RIDGE, _SIZE_RIDGE = 0.01, 0.01
 
 def blend(old: Filter, new: Filter, rate: float | Float[Array, ""]) -> Filter:
     """The running mean of a filter after one more frame."""
-    return jax.tree.map(lambda last, now: (last + rate * (now - last)).astype(last.dtype), old, new)
+    return jax.tree.map(
+        lambda last, now: last + jnp.asarray(rate, last.dtype) * (now - last), old, new
+    )
 
 
 def learn_place(integral: Float[Array, "lines_y lines_x"], grid: Grid) -> Filter:
@@ -52,7 +54,10 @@ def place_answer(
     """
     spectrum = _window_spectrum(integral, grid)
     ridge = _PLACE_RIDGE * place.denominator.mean()
-    answer = jnp.fft.ifft2((place.numerator * spectrum).sum(0) / (place.denominator + ridge)).real
+    answer = (place.numerator * spectrum).sum(0) / (place.denominator + ridge).astype(
+        spectrum.dtype
+    )
+    answer = jnp.fft.ifft2(answer).real
     cell = _place_cell(grid)
     rows, columns = (
         jnp.asarray(_cubic((positions - 1) // 2, cell, cells), jnp.float32)
@@ -75,7 +80,8 @@ def learn_size(descriptions: Float[Array, "S D"]) -> Filter:
 def size_steps(size: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, ""]:
     """By how many steps the object has grown: [], between -S/2 and S/2, by a parabola's peak."""
     spectrum = _size_spectrum(descriptions)
-    ratio = (size.numerator * spectrum).sum(0) / (size.denominator + _SIZE_RIDGE)
+    power = (size.denominator + _SIZE_RIDGE).astype(spectrum.dtype)
+    ratio = (size.numerator * spectrum).sum(0) / power
     answer = jnp.fft.ifft(ratio).real
     best = jnp.argmax(answer[1:-1]) + 1
     offset = parabola_peak(answer[best - 1], answer[best], answer[best + 1])

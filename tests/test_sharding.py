@@ -1,0 +1,88 @@
+"""The batch on several devices and in several processes: the boxes of one device."""
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import dcs_jax
+from dcs_jax import Config
+from dcs_jax.synthetic import render
+
+# What a process of its own runs, as the number of devices is fixed when JAX starts. Its arguments:
+# where to save, devices of a process, processes, number of this process, port of the first.
+SCRIPT = """
+import re, sys
+import jax
+out, devices, processes, number, port = sys.argv[1], *map(int, sys.argv[2:])
+jax.config.update("jax_num_cpu_devices", devices)
+if processes > 1:
+    jax.distributed.initialize(f"127.0.0.1:{port}", processes, number)
+import jax.numpy as jnp
+import numpy as np
+import dcs_jax
+from dcs_jax import shares
+from tests.test_sharding import BOXES, SMALL, clip_frames
+
+mesh = jax.make_mesh((devices * processes,), ("batch",))
+one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL, mesh=mesh)
+keys = jax.vmap(jax.random.key)(jnp.arange(len(BOXES)))
+videos = np.stack([clip_frames()] * len(BOXES))
+many = dcs_jax.track_batch(videos, BOXES, keys, SMALL, mesh=mesh)
+programs = [program.as_text() for program in shares._programs.values()]
+names = "all-reduce|all-gather|all-to-all|collective|reduce-scatter"
+collectives = re.findall(names, "".join(programs))
+np.savez(out, one=one.boxes, many=many.boxes, scores=one.confidence,
+         programs=len(programs), collectives=np.array(collectives, dtype=str))
+"""
+SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
+BOXES = np.array([(20, 30, 30, 36), (40, 32, 24, 30), (60, 50, 36, 30)], np.float32)
+
+
+def clip_frames():
+    return render(12, (120, 160), (36, 30)).frames
+
+
+def run(tmp_path, devices, processes):
+    """The files that the processes have saved."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    root = str(Path(__file__).parents[1])
+    environment = os.environ | {"PYTHONPATH": root, "JAX_PLATFORMS": "cpu"}
+    paths = [tmp_path / f"{number}.npz" for number in range(processes)]
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, *map(str, (path, devices, processes, number, port))],
+            env=environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for number, path in enumerate(paths)
+    ]
+    failures = []
+    for process in running:
+        _, errors = process.communicate(timeout=300)
+        failures.append(errors if process.returncode else "")
+    assert not any(failures), "\n".join(failures)
+    return [np.load(path) for path in paths]
+
+
+@pytest.mark.parametrize(("devices", "processes"), [(2, 1), (4, 1), (1, 2)])
+def test_a_sharded_batch_has_the_same_boxes(tmp_path, devices, processes):
+    one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL)
+    singles = [
+        dcs_jax.track_sequence(clip_frames(), box, jax.random.key(seed), SMALL).boxes
+        for seed, box in enumerate(BOXES)
+    ]
+    for saved in run(tmp_path, devices, processes):
+        np.testing.assert_array_equal(saved["one"], one.boxes)
+        np.testing.assert_allclose(saved["scores"], one.confidence, atol=1e-6)
+        np.testing.assert_array_equal(saved["many"], singles)
+        assert saved["programs"] == 4
+        assert not saved["collectives"].size  # no communication between the devices
