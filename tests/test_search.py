@@ -106,16 +106,17 @@ def test_under_vmap_the_maps_are_the_same():
     levels=st.integers(2, 40),
     prior=st.sampled_from([0.0, 0.6, 5.0]),
     x=st.integers(-10, 290),
+    extras=st.booleans(),
 )
-def test_peak_is_that_of_the_reference(seed, levels, prior, x):
+def test_peak_is_that_of_the_reference(seed, levels, prior, x, extras):
     generator = np.random.default_rng(seed)
     # Few levels make plateaus, as hard votes do.
     evidence = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
     box = BOX.copy()
     box[0] = x
-    config = Config(canvas=(12, 10), prior=prior)
+    config = Config(canvas=(12, 10), prior=prior, extras=extras)
     scores = reference.score_map(evidence, box, FRAME, config.grid, prior)
-    expected = reference.peak(scores, reference.squared_distances(box, config.grid))
+    expected = reference.peak(scores, reference.squared_distances(box, config.grid), extras)
     found = peak_of(evidence.astype(np.float32), box, config)
     np.testing.assert_allclose(found, expected, atol=1e-4)
 

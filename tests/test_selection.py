@@ -38,7 +38,7 @@ def test_selected_columns_are_those_of_the_reference(selector, seed, reliability
     config = Config(
         parts=1, selectors=SELECTORS, pool_size=POOL_SIZE, selector=selector, iterations=30
     )
-    selected = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
+    selected, _ = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
     np.testing.assert_array_equal(selected, expected)
 
 
@@ -49,24 +49,43 @@ def test_a_tie_may_go_to_the_least_error(seed):
     by_selector = errors.transpose(1, 2, 0)
     expected = reference.select_l1(phi, reference.LABELS, 0.01, 30, by_selector)
     config = Config(parts=1, selectors=SELECTORS, pool_size=POOL_SIZE, iterations=30, tie="error")
-    selected = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
+    selected, _ = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
     np.testing.assert_array_equal(selected, expected)
 
 
 def test_a_lambda_that_leaves_no_classifier_selects_the_best_correlated():
     votes, errors = random_votes(0, 0.7)
     votes, errors = jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32)
-    none = select(votes, errors, Config(lam=100.0))
-    np.testing.assert_array_equal(none, select(votes, errors, Config(selector="first")))
+    none, _ = select(votes, errors, Config(lam=100.0))
+    np.testing.assert_array_equal(none, select(votes, errors, Config(selector="first"))[0])
 
 
 def test_lambda_can_be_swept_in_one_call():
     votes, errors = random_votes(0, 0.7)
     votes, errors = jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32)
     lams = jnp.array([0.01, 100.0])
-    swept = jax.vmap(lambda lam: select(votes, errors, Config(lam=lam)))(lams)
+    swept = jax.vmap(lambda lam: select(votes, errors, Config(lam=lam))[0])(lams)
     for row, lam in zip(swept, lams, strict=True):
-        np.testing.assert_array_equal(row, select(votes, errors, Config(lam=lam)))
+        np.testing.assert_array_equal(row, select(votes, errors, Config(lam=lam))[0])
+
+
+@given(seed=st.integers(0, 2**31), reliability=st.sampled_from([0.5, 0.7, 0.9]))
+def test_label_noise_is_that_of_the_reference(seed, reliability):
+    votes, errors = random_votes(seed, reliability)
+    phi = votes[ROWS].transpose(2, 3, 0, 1)
+    config = Config(parts=1, selectors=SELECTORS, pool_size=POOL_SIZE, iterations=30)
+    _, noise = jax.jit(select)(votes.astype(np.float32), errors.astype(np.float32), config)
+    wanted = reference.label_noise(phi, reference.LABELS, 0.01, 30)
+    np.testing.assert_allclose(noise, wanted, atol=1e-4)
+
+
+@pytest.mark.parametrize("selector", ["error", "mil", "first"])
+def test_without_the_l1_model_no_label_is_corrected(selector):
+    votes, errors = random_votes(0, 0.7)
+    config = Config(selector=selector)
+    assert not select(jnp.asarray(votes, jnp.float32), jnp.asarray(errors, jnp.float32), config)[
+        1
+    ].any()
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def reference_settings(config: Config) -> reference.Settings:
 
 def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
     """The reference, set up with the state of a JAX track."""
-    box, pool, weak, strong = state
+    box, _, pool, weak, strong, _ = state
     return reference.Tracker(
         reference_settings(config),
         box,

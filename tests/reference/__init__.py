@@ -12,6 +12,7 @@ from .search import move, nearest_place, peak, score_map, squared_distances
 from .selection import (
     bag_log_likelihood,
     first_best,
+    label_noise,
     select_error,
     select_first,
     select_l1,
@@ -56,6 +57,7 @@ __all__ = [
     "huber_objective",
     "integral",
     "kalman_update",
+    "label_noise",
     "move",
     "nearest_place",
     "objective",

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
+from .correlation import parabola_peak
 from .records import Floats, Grid, Integers
 from .samples import reachable
 
@@ -44,20 +45,27 @@ def score_map(
     return scores
 
 
-def peak(scores: Floats, distances: Floats) -> Floats:
+def peak(scores: Floats, distances: Floats, fine: bool = False) -> Floats:
     """Displacement [2] (down, across) of the peak from the middle, cells.
 
     Of the places within 1e-3 of the highest score take the one nearest to the middle, and with it
     all those connected to it, also diagonally: the centroid of this plateau.
 
     scores: [Cy, Cx], from `score_map`. distances: [Cy, Cx], from `squared_distances`.
+    fine: move a plateau of one place, along each axis, to the peak of a parabola.
     """
     high = scores >= scores.max() - PLATEAU
     nearest = np.unravel_index(np.argmin(np.where(high, distances, np.inf)), high.shape)
     plateaus, _ = ndimage.label(high, structure=np.ones((3, 3)))
     members = np.argwhere(plateaus == plateaus[nearest])
     middle = (np.array(scores.shape) - 1) / 2
-    return members.mean(axis=0) - middle
+    found = members.mean(axis=0) - middle
+    if fine and len(members) == 1:
+        i, j = (int(index) + 1 for index in members[0])
+        around = np.pad(scores, 1, constant_values=-np.inf)
+        found[0] += parabola_peak(around[i - 1, j], around[i, j], around[i + 1, j])
+        found[1] += parabola_peak(around[i, j - 1], around[i, j], around[i, j + 1])
+    return found
 
 
 def move(box: Floats, displacement: Floats, frame_shape: tuple[int, int], grid: Grid) -> Floats:

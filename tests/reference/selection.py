@@ -41,6 +41,15 @@ def select_l1(
     return chosen
 
 
+def label_noise(phi: Floats, y: Floats, lam: float, iterations: int) -> Floats:
+    """The noise e of the box and of the corners, [5], in the mean over all problems.
+
+    phi: [..., L, M]. The box stands in the first four rows, whose e are the same.
+    """
+    _, e = fista(phi, y, lam, iterations)
+    return e.reshape(-1, len(y)).mean(axis=0)[[0, 4, 5, 6, 7]]
+
+
 def select_error(errors: Floats) -> Integers:
     """The first column with the least accumulated error e; errors: [..., M]."""
     chosen = np.zeros(errors.shape[:-1], np.int64)
