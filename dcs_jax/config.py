@@ -154,11 +154,14 @@ class Config:
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} must be True or False, but is {getattr(self, name)!r}")
         if self.sizes % 2 == 0:
-            raise ValueError(f"sizes must be odd, with the last size in the middle: {self.sizes}")
+            raise ValueError(
+                f"sizes must be odd, so that the last size is in the middle, but is {self.sizes}"
+            )
         for name in _NOT_NEGATIVE:
             _check_range(name, getattr(self, name), "finite and not negative", 0, math.inf)
         for name in _SHARES:
             _check_range(name, getattr(self, name), "from 0 to 1", 0, 1 + 1e-6)
+        _check_range("patience", self.patience, "at least 1", 1, math.inf)
         _check_range("size_step", self.size_step, "above 1 and below 2", 1 + 1e-6, 2)
         _check_range("confidence_middle", self.confidence_middle, "from -1 to 1", -1, 1 + 1e-6)
         _check_range("block", self.block, "above 0 and at most 1", 1e-6, 1 + 1e-6)
@@ -247,7 +250,6 @@ _NOT_NEGATIVE = (
     "place_weight",
     "recent_penalty",
     "confidence_slope",
-    "patience",
 )
 _SHARES = ("place_rate", "size_rate", "recent_rate", "learn_above", "lost_below", "found_above")
 

@@ -28,6 +28,11 @@ from dcs_jax import Config
         ({"lam": np.array([0.1, np.nan])}, "lam must be finite and not negative"),
         ({"prior": jnp.array([-1.0])}, "prior must be finite and not negative"),
         ({"smoothing": float("inf")}, "smoothing must be finite and not negative, but is inf"),
+        ({"extras": 1}, "extras must be True or False, but is 1"),
+        ({"sizes": 16}, "sizes must be odd, so that the last size is in the middle, but is 16"),
+        ({"patience": 0}, "patience must be at least 1, but is 0"),
+        ({"size_step": 1.0}, r"size_step must be above 1 and below 2, but is 1\.0"),
+        ({"learn_above": 1.5}, r"learn_above must be from 0 to 1, but is 1\.5"),
         ({"lam": "much"}, "lam must be a number or an array of numbers, but is 'much'"),
     ],
 )
@@ -37,8 +42,10 @@ def test_values_out_of_range_are_refused(changes, message):
 
 
 def test_the_numbers_are_the_leaves():
-    leaves = jax.tree.leaves(Config(lam=0.5, smoothing=0.25, overhang=0.125, prior=2.0, block=0.5))
-    assert sorted(leaves) == [0.125, 0.25, 0.5, 0.5, 2.0]
+    config = Config(lam=0.5, prior=2.0, patience=7)
+    numbers = [f.name for f in dataclasses.fields(Config) if not f.metadata.get("static")]
+    assert {"lam", "prior", "place_weight", "patience", "found_above"} <= set(numbers)
+    assert sorted(jax.tree.leaves(config)) == sorted(getattr(config, name) for name in numbers)
 
 
 def test_static_fields_are_part_of_the_structure():
@@ -58,7 +65,7 @@ def test_the_papers_preset_takes_its_shapes_from_the_box():
 def test_a_canvas_does_not_depend_on_the_box():
     config = Config()
     assert config.resolve((10, 10, 30, 62)) is config
-    assert config.grid.positions == (41, 41)
+    assert config.grid.positions == (61, 61)
 
 
 def test_fields_of_the_papers_preset_can_be_changed():

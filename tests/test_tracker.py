@@ -16,7 +16,10 @@ from dcs_jax.core.haar import draw_pool
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap
 from dcs_jax.synthetic import render
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12)
+# The reference is the paper's tracker; what is beyond it is held to its own reference in
+# test_appearance.py and test_correlation.py.
+SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
+SMALL_WITH_EXTRAS = dataclasses.replace(SMALL, extras=True)
 init = jax.jit(dcs_jax.init)
 step = jax.jit(dcs_jax.step)
 
@@ -100,9 +103,10 @@ def test_init_is_that_of_the_reference(clip):
 
 
 def assert_30_frames_equal(frames, box):
-    state = init(frames[0], np.float32(box), jax.random.key(0), Config())
-    tracker = reference_at(state, Config())
-    _, infos = dcs_jax.track_chunk(state, frames[1:31], Config())
+    config = Config(extras=False)
+    state = init(frames[0], np.float32(box), jax.random.key(0), config)
+    tracker = reference_at(state, config)
+    _, infos = dcs_jax.track_chunk(state, frames[1:31], config)
     expected = [tracker.step(frame)[0] for frame in frames[1:31]]
     np.testing.assert_allclose(infos.box, expected, atol=0.05)
 
@@ -160,7 +164,9 @@ def test_a_constant_added_to_all_grey_values_changes_no_bit():
 
 def test_jit_and_no_jit_agree(clip):
     # Without jit every operation of every loop is dispatched on its own.
-    config = Config(canvas=20, parts=1, selectors=3, pool_size=6, iterations=2, first_updates=3)
+    config = Config(
+        canvas=20, parts=1, selectors=3, pool_size=6, iterations=2, first_updates=3, sizes=3
+    )
     key = jax.random.key(0)
     with jax.disable_jit():
         plain = dcs_jax.init(clip.frames[0], clip.boxes[0], key, config)
@@ -171,16 +177,17 @@ def test_jit_and_no_jit_agree(clip):
     np.testing.assert_allclose(plain_info.box, compiled_info.box, atol=1e-3)
 
 
-def test_tracks_under_vmap_are_the_single_tracks(clip):
+@pytest.mark.parametrize("config", [SMALL, SMALL_WITH_EXTRAS], ids=["paper", "extras"])
+def test_tracks_under_vmap_are_the_single_tracks(clip, config):
     keys = jax.random.split(jax.random.key(5), 3)
     starts = jnp.asarray(clip.boxes[0]) + jnp.arange(3.0)[:, None] * jnp.array([1.0, 2, 3, -2])
     init_many = jax.jit(jax.vmap(dcs_jax.init, (None, 0, 0, None)))
     step_many = jax.jit(jax.vmap(dcs_jax.step, (0, None, None)))
-    states = init_many(clip.frames[0], starts, keys, SMALL)
-    _, infos = step_many(states, clip.frames[1], SMALL)
+    states = init_many(clip.frames[0], starts, keys, config)
+    _, infos = step_many(states, clip.frames[1], config)
     for number in range(3):
-        state = init(clip.frames[0], starts[number], keys[number], SMALL)
-        _, info = step(state, clip.frames[1], SMALL)
+        state = init(clip.frames[0], starts[number], keys[number], config)
+        _, info = step(state, clip.frames[1], config)
         np.testing.assert_allclose(infos.box[number], info.box, atol=1e-3)
 
 
@@ -211,7 +218,15 @@ def test_a_number_of_the_settings_can_be_swept_under_vmap(clip):
         (60, 50, 90, 5),
     ],
 )
-@pytest.mark.parametrize("preset", [SMALL, Config.paper(selectors=4, pool_size=10)])
+@pytest.mark.parametrize(
+    "preset",
+    [
+        SMALL,
+        dataclasses.replace(SMALL_WITH_EXTRAS, scale=False),
+        Config.paper(selectors=4, pool_size=10),
+    ],
+    ids=["small", "extras", "paper"],
+)
 def test_boxes_at_the_edge_and_of_any_size_are_tracked(clip, box, preset):
     track = dcs_jax.track_sequence(clip.frames[:4], box, config=preset)
     assert np.isfinite(track.boxes).all()

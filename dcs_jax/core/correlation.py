@@ -19,7 +19,8 @@ _CELLS = 10
 # Standard deviation of the wanted answer: of the place in sides of the object, of the size as a
 # share of the root of the number of sizes (Danelljan et al.).
 _PLACE_SIGMA, _SIZE_SIGMA = 1 / 16, 0.25
-# Ridge, as a share of the mean power: noise in the weak frequencies does not answer.
+# Ridge, so that noise in the weak frequencies does not answer: of the place as a share of the mean
+# power; of the size as it is, since descriptions are unit vectors.
 _PLACE_RIDGE, _SIZE_RIDGE = 0.01, 0.01
 
 
