@@ -3,7 +3,8 @@
 A textured card moves along a smooth curve over a textured ground, while a bar passes in front of
 it, another card of like colours passes beside it and a cloud takes the light. The layers are
 sampled by area, so a box is exact to a fraction of a pixel, and everything comes from one seed:
-the same arguments give the same bytes.
+the same arguments give the same bytes. On request the card grows or shrinks, is hidden wholly for a
+while, or leaves the frame and comes back elsewhere.
 """
 
 from typing import NamedTuple
@@ -23,6 +24,8 @@ TEXELS = 2  # texels per pixel of a card or bar, along each axis
 OCCLUSION = (0.22, 0.42)
 LOOKALIKE = (0.48, 0.68)
 CLOUD = (0.74, 0.94)
+AWAY = 0.3  # where the target begins to leave the frame
+COVERING = 20  # frames in which a bar that hides the target wholly comes over it
 
 # Colour ramps, RGB, from the dark to the bright end of a texture.
 GROUND = ((38, 58, 66), (66, 98, 98), (112, 140, 122), (168, 178, 150))
@@ -35,7 +38,9 @@ class Clip(NamedTuple):
 
     frames: [T, H, W, 3] uint8, RGB.
     boxes: [T, 4] float32, the target's exact x, y, w, h in pixels, (x, y) the top-left corner.
-    occluded: [T] float32 in [0, 1], fraction of the target's area hidden by the bar.
+        It may lie outside the frame while the target is away.
+    occluded: [T] float32 in [0, 1], fraction of the target's area hidden by the bar or outside the
+        frame.
     lookalike: [T, 4] float32, the look-alike's box in pixels, NaN in a clip without one. It may lie
         outside the frame.
     light: [T] float32 in (0, 1], factor on all grey values.
@@ -46,6 +51,11 @@ class Clip(NamedTuple):
     occluded: NDArray[np.float32]
     lookalike: NDArray[np.float32]
     light: NDArray[np.float32]
+
+    @property
+    def absent(self) -> NDArray[np.bool_]:
+        """[T], whether nothing of the target is in sight: its box says where it would be."""
+        return self.occluded >= 1
 
 
 def render(
@@ -59,6 +69,9 @@ def render(
     lookalike: bool = True,
     cloud: float = 0.45,
     noise: float = 2.0,
+    zoom: tuple[float, float] = (1.0, 1.0),
+    covered: int = 0,
+    away: int = 0,
 ) -> Clip:
     """Render a clip of `length` frames with exact ground truth.
 
@@ -73,25 +86,42 @@ def render(
         lookalike: whether a card of like colours passes beside the target.
         cloud: largest fraction of the light taken, in [0, 1); 0 for steady light.
         noise: standard deviation of the sensor noise, grey values.
+        zoom: sides of the target in the first and in the last frame, in units of `target`; between
+            them it grows by the same factor in every frame.
+        covered: frames for which the bar, then wider, hides the target wholly; it comes over it for
+            `COVERING` frames before and goes for as many after. 0 for the narrow bar.
+        away: frames for which the target is out of the frame. It goes out by the nearer of the left
+            and the right side, and comes in by the other at the mirrored height. It moves by at
+            least an eighth of its width a frame on the way. 0 to stay.
+
+    `covered` and `away` take frames from the other events: switch those off.
 
     Raises:
         ValueError: an argument is outside its range.
     """
     _check(length, size, target, speed, occlusion, cloud, noise)
+    _check_absence(size, target, zoom, covered, away)
     rows, columns = size
     h, w = target
     scene, sensor = np.random.default_rng(seed).spawn(2)
     ground = _ramp(_texture(scene, rows, columns, cell=max(rows, columns) / 6), GROUND)
     card, other = _card(scene, h, w), _card(scene, h, w)
-    bar = _bar(scene, rows, max(1.0, occlusion * w))
+    largest = max(zoom)
+    over = 1 + covered / COVERING if covered else occlusion
+    bar = _bar(scene, rows, max(1.0, over * largest * w))
 
     time = (np.arange(length) + 0.5) / length
-    boxes = np.empty((length, 4))
-    boxes[:, :2] = _path(scene, length, (columns - w, rows - h), speed)
-    boxes[:, 2:] = w, h
+    sides = zoom[0] * (zoom[1] / zoom[0]) ** np.linspace(0, 1, length)[:, None] * (w, h)
+    room = columns - largest * w, rows - largest * h
+    corners = _path(scene, length, room, speed, away, largest * w)
+    boxes = np.concatenate([corners + ((largest * w, largest * h) - sides) / 2, sides], 1)
     boxes = boxes.astype(np.float32).astype(np.float64)  # the frames show what the result states
     bar_width = (bar.shape[1] - 1) / TEXELS
-    bar_left = boxes[:, 0] + w / 2 - bar_width / 2 + _passing(time, OCCLUSION, (w + bar_width) / 2)
+    event = OCCLUSION
+    if covered:
+        event = OCCLUSION[0], OCCLUSION[0] + (covered + 2 * COVERING) / length
+    bar_left = boxes[:, 0] + boxes[:, 2] / 2 - bar_width / 2
+    bar_left += _passing(time, event, (largest * w + bar_width) / 2)
     others = _beside(boxes, time, rows)
     dip = np.clip((time - CLOUD[0]) / (CLOUD[1] - CLOUD[0]), 0, 1)
     light = 1 - cloud * np.sin(np.pi * dip) ** 2
@@ -102,10 +132,13 @@ def render(
         frame = ground.copy()
         if lookalike:
             _paste(frame, other, others[t, 0], others[t, 1])
-        visible = _paste(frame, card, boxes[t, 0], boxes[t, 1])
-        if occlusion:
+        visible = _paste(frame, card, boxes[t, 0], boxes[t, 1], boxes[t, 2] / w)
+        # A box within the frame is all in sight, whatever the rounding.
+        seen = 1.0 if away == 0 else (visible.sum() / (card[-1, -1, 3] * _pixels(boxes[t, 2] / w)))
+        if (occlusion or covered) and visible.any():
             cover = _paste(frame, bar, bar_left[t], 0)
-            occluded[t] = (visible * cover).sum() / visible.sum()
+            seen *= 1 - (visible * cover).sum() / visible.sum()
+        occluded[t] = round(abs(float(1 - seen)), 5)
         frame *= light[t]
         frame += noise * sensor.standard_normal(frame.shape, np.float32)
         frames[t] = np.rint(frame).clip(0, 255)
@@ -140,10 +173,35 @@ def _check(
         )
 
 
+def _check_absence(
+    size: tuple[int, int],
+    target: tuple[int, int],
+    zoom: tuple[float, float],
+    covered: int,
+    away: int,
+) -> None:
+    if not (min(zoom) * min(target) >= 4 and max(zoom) * max(np.divide(target, size)) <= 1):
+        raise ValueError(
+            f"zoom {zoom} makes a target of {target[0]} x {target[1]} pixels smaller than 4 x 4 or "
+            f"larger than the frame of {size[0]} x {size[1]}"
+        )
+    if covered < 0 or away < 0:
+        raise ValueError(f"covered {covered} and away {away} are numbers of frames: at least 0")
+
+
 def _path(
-    rng: np.random.Generator, length: int, room: tuple[int, int], speed: float
+    rng: np.random.Generator,
+    length: int,
+    room: tuple[float, float],
+    speed: float,
+    away: int,
+    width: float,
 ) -> NDArray[np.float64]:
-    """Top-left corners [T, 2] on a Lissajous curve that stays within [0, room] on both axes."""
+    """Top-left corners [T, 2] on a Lissajous curve that stays within [0, room] on both axes.
+
+    Except for an excursion of the target, `width` pixels wide, that keeps it outside for `away`
+    frames; then it goes on along the curve, mirrored on both axes.
+    """
     reach = 0.45 * np.array(room, np.float64)
     cycles = np.array([1.0, 2.0])
     phase = rng.uniform(0, 2 * np.pi, 2)
@@ -152,6 +210,23 @@ def _path(
     corners: NDArray[np.float64] = np.array(room) / 2 + reach * np.sin(
         cycles * angle[:, None] + phase
     )
+    if away == 0:
+        return corners
+    begin = int(AWAY * length)
+    here = corners[begin].copy()
+    side = -1 if 2 * here[0] < room[0] else 1
+    distance = width + (here[0] if side < 0 else room[0] - here[0])
+    step = max(speed, width / 8)
+    out = int(np.ceil(distance / step))
+    since = np.arange(length) - begin
+    back = 2 * out + away - since  # frames until the target is on the curve again
+    gone = since > out + away // 2
+    # The target leaves the curve where it is and comes back to the mirrored place.
+    late = corners[np.maximum(np.arange(length) - (2 * out + away), begin)]
+    corners = np.where((since > 0)[:, None], late, corners)
+    corners[gone] = room - corners[gone]
+    shift = step * np.where(gone, -np.maximum(back, 0), np.maximum(since, 0))
+    corners[:, 0] += side * shift
     return corners
 
 
@@ -248,13 +323,20 @@ def _integral(layer: NDArray[np.float32]) -> Layer:
     return np.pad(sums, ((1, 0), (1, 0), (0, 0)))
 
 
-def _paste(frame: NDArray[np.float32], layer: Layer, x: float, y: float) -> NDArray[np.float32]:
+def _pixels(zoom: float) -> float:
+    """The pixels that a texel covers."""
+    return (zoom / TEXELS) ** 2
+
+
+def _paste(
+    frame: NDArray[np.float32], layer: Layer, x: float, y: float, zoom: float = 1.0
+) -> NDArray[np.float32]:
     """Put the layer into the frame with its top-left corner at (x, y); return its alpha [H, W].
 
     A pixel takes the mean of the layer over its own area, so any fraction of a pixel is exact.
     """
-    rows, sums = _between_pixels(layer, y, frame.shape[0])
-    columns, sums = _between_pixels(sums.swapaxes(0, 1), x, frame.shape[1])
+    rows, sums = _between_pixels(layer, y, frame.shape[0], TEXELS / zoom)
+    columns, sums = _between_pixels(sums.swapaxes(0, 1), x, frame.shape[1], TEXELS / zoom)
     drawn = sums.swapaxes(0, 1).astype(np.float32)  # [rows, columns, 4]
     frame[rows, columns] *= 1 - drawn[..., 3:]
     frame[rows, columns] += drawn[..., :3]
@@ -264,19 +346,19 @@ def _paste(frame: NDArray[np.float32], layer: Layer, x: float, y: float) -> NDAr
 
 
 def _between_pixels(
-    sums: NDArray[np.float64], start: float, pixels: int
+    sums: NDArray[np.float64], start: float, pixels: int, density: float
 ) -> tuple[slice, NDArray[np.float64]]:
     """The pixels of an axis that a layer beginning at `start` touches, and their means of it.
 
-    sums: [texels + 1, ...], running sums over the texels along the axis.
+    sums: [texels + 1, ...], running sums over the texels along the axis. density: texels per pixel.
 
     Returns:
         The slice of the P pixels, none for a layer outside the frame, and [P, ...].
     """
     texels = len(sums) - 1
-    first, last = np.clip([np.floor(start), np.ceil(start + texels / TEXELS)], 0, pixels)
-    edges = np.clip((np.arange(first, last + 1) - start) * TEXELS, 0, texels)
+    first, last = np.clip([np.floor(start), np.ceil(start + texels / density)], 0, pixels)
+    edges = np.clip((np.arange(first, last + 1) - start) * density, 0, texels)
     below = np.minimum(edges.astype(int), texels - 1)
     part = (edges - below).reshape(-1, *[1] * (sums.ndim - 1))
     at_edges = sums[below] + part * (sums[below + 1] - sums[below])
-    return slice(int(first), int(last)), np.diff(at_edges, axis=0) / TEXELS
+    return slice(int(first), int(last)), np.diff(at_edges, axis=0) / density
