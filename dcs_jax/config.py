@@ -263,7 +263,7 @@ def _check_range(name: str, value: Any, expected: str, least: float, limit: floa
     """
     if isinstance(value, (str, bytes, list, dict, tuple)):
         raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
-    if isinstance(value, jax.core.Tracer) or not isinstance(
+    if isinstance(value, (bool, jax.core.Tracer)) or not isinstance(
         value, (int, float, np.number, np.ndarray, jax.Array)
     ):
         return
