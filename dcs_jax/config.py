@@ -68,7 +68,10 @@ class Config:
         recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
         recent_rate: share of the present frame in the recent appearance, in [0, 1].
         confidence_middle, confidence_slope: confidence is
-            1 / (1 + exp(-slope (similarity - middle))). Fitted to labelled tracks: %CALIBRATION%
+            1 / (1 + exp(-slope (similarity - middle))). Set from tracks of seven labelled sequences
+            and variants of them: of the boxes that overlap the object by more than half nine in ten
+            have a similarity to its first appearance above 0.2, of the others one in ten has one
+            above 0.4.
         learn_above: the confidence above which a frame is learned from.
         lost_below, patience: the object is lost after so many frames below this confidence.
         found_above: the confidence above which a lost object is found.

@@ -73,7 +73,7 @@ def similarity(
 def confidence(similarity: Float[Array, ""], config: Config) -> Float[Array, ""]:
     """The probability that the box overlaps the object by more than half: [] in [0, 1].
 
-    A logistic function of the similarity, fitted to labelled tracks (see `Config`).
+    A logistic function of the similarity, set from labelled tracks (see `Config`).
     """
     return jax.nn.sigmoid(config.confidence_slope * (similarity - config.confidence_middle))
 
