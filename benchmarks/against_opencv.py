@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("sequence", nargs="?", type=Path)
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
-    frames, truth = _load(arguments.sequence)
+    frames, truth = load(arguments.sequence)
     on_device = jnp.asarray(frames)
     bgr = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
     trackers: dict[str, Callable[[], NDArray[np.float32]]] = {
@@ -83,7 +83,7 @@ def track_opencv(bgr: list[NDArray[np.uint8]], box: NDArray[np.float64]) -> NDAr
     return np.array(boxes, np.float32)
 
 
-def _load(sequence: Path | None) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def load(sequence: Path | None) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """Frames [T, H, W, 3] and annotation [T, 4]."""
     if sequence is None:
         clip = render()

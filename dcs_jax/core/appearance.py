@@ -14,7 +14,7 @@ from dcs_jax.core.gradients import gradient_cells
 from dcs_jax.types import Appearance
 
 # A patch is resampled to 32 x 32 places, in cells of 4 x 4.
-_PLACES, _CELL = 32, 4
+PLACES, _CELL = 32, 4
 _ROUNDING = 1e-6
 
 
@@ -33,7 +33,7 @@ def describe_sizes(
     the window, cells. The patch is resampled from the window's integral image by exact area means.
     """
     grid = config.grid
-    along = jnp.arange(_PLACES + 1, dtype=jnp.float32) / _PLACES - 0.5
+    along = jnp.arange(PLACES + 1, dtype=jnp.float32) / PLACES - 0.5
     factors = size_factors(config)
 
     def lines(middle: Float[Array, ""], side: int, last: int) -> Float[Array, "S places last"]:
@@ -46,7 +46,7 @@ def describe_sizes(
     columns = lines(middle[1], grid.columns, integral.shape[1])
     sums = jnp.einsum("syg,gh,sxh->syx", rows, integral, columns)
     means = jnp.diff(jnp.diff(sums, axis=1), axis=2)
-    means *= (_PLACES**2 / (grid.rows * grid.columns)) / jnp.square(factors)[:, None, None]
+    means *= (PLACES**2 / (grid.rows * grid.columns)) / jnp.square(factors)[:, None, None]
     return jax.vmap(_describe)(means)
 
 

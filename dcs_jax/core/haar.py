@@ -41,6 +41,11 @@ def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 _ROWS, _COLUMNS, _WEIGHTS, _BOXES = _type_table()
+# How many corners a feature has, by the number of its boxes: the rest have the coefficient 0.
+CORNERS_OF_BOXES = {
+    int(boxes): int((weights != 0).sum())
+    for boxes, weights in sorted(zip(_BOXES, _WEIGHTS, strict=True), key=lambda pair: pair[0])
+}
 
 
 def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.correlation import parabola_peak
-from dcs_jax.core.haar import CORNERS
+from dcs_jax.core.haar import CORNERS_OF_BOXES
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
 from dcs_jax.types import Pool, Strong, Weak
@@ -95,6 +95,8 @@ def find_peak(
 class _Classifiers(NamedTuple):
     """Selected weak classifiers: [K, N, ...], or [N, ...] of one part, or [...] one of them.
 
+    A part's are in the order of their features' corners, the fewest first.
+
     rows, columns: [9] int32, the feature's corners in the patch. weights: [9]. mean: [2].
     sigma: [2] or None. alpha: [].
     """
@@ -116,6 +118,10 @@ def _part_votes(
     """
     selectors = jnp.arange(strong.selected.size).reshape(strong.selected.shape)
     chosen = strong.selected * strong.selected.size + selectors  # [K, N] in 0..F
+    boxes = pool.boxes[chosen]
+    order = jnp.argsort(boxes, axis=1)
+    chosen, alpha = (jnp.take_along_axis(x, order, axis=1) for x in (chosen, strong.alpha))
+    ends = jnp.stack([(boxes <= number).sum(1) for number in CORNERS_OF_BOXES], axis=1)  # [K, 3]
 
     def of_chosen(values: Shaped[Array, "fields F"]) -> Shaped[Array, "K N fields"]:
         return jnp.moveaxis(values[:, chosen], 0, -1)
@@ -123,39 +129,54 @@ def _part_votes(
     rows, columns = jnp.divmod(of_chosen(pool.corners).astype(jnp.int32), grid.columns + 1)
     weights = of_chosen(pool.coefficients).astype(jnp.float32) * pool.scale[chosen][..., None]
     sigma = None if weak.sigma is None else of_chosen(weak.sigma)
-    classifiers = _Classifiers(rows, columns, weights, of_chosen(weak.mean), sigma, strong.alpha)
+    classifiers = _Classifiers(rows, columns, weights, of_chosen(weak.mean), sigma, alpha)
 
     @jax.custom_batching.sequential_vmap
     def all_parts(
-        integral: Float[Array, "lines_y lines_x"], classifiers: _Classifiers
+        integral: Float[Array, "lines_y lines_x"],
+        classifiers: _Classifiers,
+        ends: Int32[Array, "K 3"],
     ) -> Float[Array, "K C_y C_x"]:
-        return jax.lax.map(lambda part: _sum_votes(integral, part, grid.positions), classifiers)
+        return jax.lax.map(
+            lambda part: _sum_votes(integral, part[0], part[1], grid.positions), (classifiers, ends)
+        )
 
     total = strong.alpha.sum(1)[:, None, None]
-    return all_parts(integral, classifiers) / jnp.where(total > 0, total, 1)
+    return all_parts(integral, classifiers, ends) / jnp.where(total > 0, total, 1)
 
 
 def _sum_votes(
     integral: Float[Array, "lines_y lines_x"],
     classifiers: _Classifiers,
+    ends: Int32[Array, "3"],
     positions: tuple[int, int],
 ) -> Float[Array, "C_y C_x"]:
     """sum_n alpha h of one part at every place: [C_y, C_x].
 
-    A feature at all places at once is nine shifted views of the integral image, added up.
+    A feature at all places at once is as many shifted views of the integral image as it has
+    corners, added up.
+
+    ends: [3], how many of the classifiers have features of at most 2, 3 and 4 boxes.
     """
+    total, begin = jnp.zeros(positions, integral.dtype), jnp.int32(0)
+    # One loop for each number of corners: nine views of every feature, some with weight 0, took
+    # 1.1 times as long on 41 x 41 places and 1.4 times on 97 x 77.
+    for end, corners in zip(ends, CORNERS_OF_BOXES.values(), strict=True):
 
-    def add(
-        total: Float[Array, "C_y C_x"], classifier: _Classifiers
-    ) -> tuple[Float[Array, "C_y C_x"], None]:
-        response = jnp.zeros(positions, integral.dtype)
-        for corner in range(CORNERS):
-            start = (classifier.rows[corner], classifier.columns[corner])
-            view = jax.lax.dynamic_slice(integral, start, positions)
-            response += classifier.weights[corner] * view
-        return total + classifier.alpha * vote(response, classifier.mean, classifier.sigma), None
+        def add(
+            number: Int32[Array, ""], total: Float[Array, "C_y C_x"], corners: int = corners
+        ) -> Float[Array, "C_y C_x"]:
+            classifier = jax.tree.map(lambda values: values[number], classifiers)
+            response = jnp.zeros(positions, integral.dtype)
+            for corner in range(corners):
+                start = (classifier.rows[corner], classifier.columns[corner])
+                view = jax.lax.dynamic_slice(integral, start, positions)
+                response += classifier.weights[corner] * view
+            decided = vote(response, classifier.mean, classifier.sigma)
+            return total + classifier.alpha * decided
 
-    return jax.lax.scan(add, jnp.zeros(positions, integral.dtype), classifiers)[0]
+        total, begin = jax.lax.fori_loop(begin, end, add, total), end
+    return total
 
 
 def _smooth(
