@@ -73,8 +73,9 @@ class Config:
             have a similarity to its first appearance above 0.2, of the others one in ten has one
             above 0.4.
         learn_above: the confidence above which a frame is learned from.
-        lost_below, patience: the object is lost after so many frames below this confidence.
-        found_above: the confidence above which a lost object is found.
+        lost_below, patience: the object is lost after so many frames below this confidence, and no
+            longer once its confidence at its own place is above `learn_above`.
+        found_above: the confidence above which a lost object is found elsewhere in the frame.
 
     Raises ValueError where a value is out of its range.
     """

@@ -10,12 +10,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core import appearance, correlation
 from dcs_jax.core.window import ColumnSums
-from dcs_jax.types import Appearance, Extras, Sighting, State
+from dcs_jax.types import Appearance, Extras, Filter, Sighting, State
 
 # The object is not followed to a size below this, pixels: there is nothing left to see.
 _LEAST_SIDE = 8.0
@@ -27,6 +27,11 @@ def begin(window: Float[Array, "lines_y lines_x"], config: Config) -> Extras:
     """What is known after the first frame, from the window around the given box."""
     place, size, description = _learned(window, config)
     return Extras(Appearance(description, description), place, size, jnp.zeros((), jnp.int32))
+
+
+def is_lost(known: Extras, config: Config) -> Bool[Array, ""]:
+    """Whether the object has not been recognised for `patience` frames: [] bool."""
+    return known.missing >= config.patience
 
 
 def witness(
@@ -80,8 +85,9 @@ def seek(find: Find, state: State, seen: Sighting, sums: ColumnSums, config: Con
         return jax.lax.cond(lost, search, lambda: seen)
 
     assert state.extras is not None
-    lost = state.extras.missing >= config.patience
-    return elsewhere(lost, state, seen, sums, jax.tree.map(jnp.asarray, config))
+    return elsewhere(
+        is_lost(state.extras, config), state, seen, sums, jax.tree.map(jnp.asarray, config)
+    )
 
 
 def learn(
@@ -101,8 +107,9 @@ def learn(
     place, size, description = _learned(window, config)
     alike = appearance.similarity(known.appearance, description, config)
     seen = seen._replace(confidence=appearance.confidence(alike, config))
-    lost = known.missing >= config.patience
-    recognised = seen.confidence > jnp.where(lost, config.learn_above, config.lost_below)
+    # To come back, a lost object has to be recognised well enough to be learned from.
+    least = jnp.where(is_lost(known, config), config.learn_above, config.lost_below)
+    recognised = seen.confidence > least
     missing = jnp.where(recognised, 0, known.missing + 1)
 
     learned = learned._replace(
@@ -114,7 +121,7 @@ def learn(
         )
     )
     forgotten = last._replace(box=learned.box, extras=known._replace(missing=missing))
-    keep = (seen.confidence > config.learn_above) & (~lost | recognised)
+    keep = seen.confidence > config.learn_above
 
     def choose(new: Any, old: Any) -> Any:
         # What is the same in both, the features above all, is not copied.
@@ -125,7 +132,7 @@ def learn(
 
 def _learned(
     window: Float[Array, "lines_y lines_x"], config: Config
-) -> tuple[Any, Any, Float[Array, " D"]]:
+) -> tuple[Filter, Filter, Float[Array, " D"]]:
     """Filters for place and size, and the description, of the object in the window's middle."""
     patches = appearance.describe_sizes(window, jnp.zeros(2, jnp.float32), config)
     place = correlation.learn_place(window, config.grid)
@@ -145,7 +152,7 @@ def _resized(
 
 
 def _tile(
-    box: Float[Array, "4"], number: Any, frame_shape: tuple[int, ...], config: Config
+    box: Float[Array, "4"], number: Int32[Array, ""], frame_shape: tuple[int, ...], config: Config
 ) -> Float[Array, "4"]:
     """The box in the middle of one of the places that the search windows divide the frame into."""
     sides = jnp.array([frame_shape[1], frame_shape[0]], jnp.float32)

@@ -6,14 +6,14 @@ What the paper does not have stands in `extras.py`.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Float
 
 from dcs_jax import extras
 from dcs_jax.checks import check_box, check_frame
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
-from dcs_jax.core.search import confidence_map, find_peak
+from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
@@ -79,29 +79,42 @@ def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepIn
     """
     sums = _sums(frame)
     window = window_integral(sums, state.box, config.grid)
+    votes = confidence_map(window, state.pool, state.weak, state.strong, config)
     nowhere = jnp.zeros(2, jnp.float32)
-    found = confidence_map(window, state.pool, state.weak, state.strong, config)
-    noisy_or, part_scores = found.at(*_nearest(nowhere, config.grid))
-    seen = Sighting(state.box, noisy_or, part_scores)
-    if state.extras is not None:
-        seen = extras.recognise(state.extras, seen, window, nowhere, sums.shape, config)
-        seen = seen._replace(box=state.box)
-    return _info(state, seen, jnp.zeros(len(LABELS), jnp.float32), config)
+    seen = _sight(state, state.box, nowhere, votes, window, sums.shape, config)
+    return _info(state, seen._replace(box=state.box), jnp.zeros(len(LABELS), jnp.float32), config)
 
 
 def _find(state: State, box: Float[Array, "4"], sums: ColumnSums, config: Config) -> Sighting:
     """The most likely place of the object in the window around a box (lines 1-3)."""
     window = window_integral(sums, box, config.grid)
-    found = confidence_map(window, state.pool, state.weak, state.strong, config)
-    evidence = found.evidence
+    votes = confidence_map(window, state.pool, state.weak, state.strong, config)
+    evidence = votes.evidence
     if state.extras is not None:
         evidence += extras.witness(state.extras, window, config)
     displacement = find_peak(evidence, box, sums.shape, config)
-    noisy_or, part_scores = found.at(*_nearest(displacement, config.grid))
-    moved = _move(box, displacement, sums.shape, config.grid)
-    seen = Sighting(moved, noisy_or, part_scores)
+    return _sight(state, box, displacement, votes, window, sums.shape, config)
+
+
+def _sight(
+    state: State,
+    box: Float[Array, "4"],
+    displacement: Float[Array, "2"],
+    votes: ConfidenceMap,
+    window: Float[Array, "lines_y lines_x"],
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> Sighting:
+    """What there is at a displacement, in cells, from the middle of the window around a box.
+
+    The map is read at the candidate place nearest to it.
+    """
+    grid = config.grid
+    middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
+    row, column = jnp.round(displacement).astype(jnp.int32) + middle
+    seen = Sighting(_move(box, displacement, frame_shape, grid), *votes.at(row, column))
     if state.extras is not None:
-        seen = extras.recognise(state.extras, seen, window, displacement, sums.shape, config)
+        seen = extras.recognise(state.extras, seen, window, displacement, frame_shape, config)
     return seen
 
 
@@ -141,21 +154,12 @@ def _learn(
     return weak, combine(selected, errors), noise
 
 
-def _nearest(
-    displacement: Float[Array, "2"], grid: Grid
-) -> tuple[Int32[Array, ""], Int32[Array, ""]]:
-    """Row and column of the candidate place nearest to a displacement in cells."""
-    middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
-    row, column = jnp.round(displacement).astype(jnp.int32) + middle
-    return row, column
-
-
 def _info(state: State, seen: Sighting, noise: Float[Array, " R"], config: Config) -> StepInfo:
     """The record of one frame."""
     lost = jnp.array(False)
     box = seen.box
     if state.extras is not None:
-        lost = state.extras.missing >= config.patience
+        lost = extras.is_lost(state.extras, config)
         if not config.scale:
             box = jnp.concatenate([box[:2] + (box[2:] - state.given) / 2, state.given])
     return StepInfo(box, seen.confidence, seen.part_scores, lost, noise)

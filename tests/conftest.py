@@ -12,10 +12,30 @@ from jaxtyping import install_import_hook
 
 # Not config, which JAX rebuilds around placeholders of any type, nor sequence, whose callers are
 # users: both have checks of their own.
-install_import_hook(["dcs_jax.core", "dcs_jax.tracker"], "beartype.beartype")
+install_import_hook(["dcs_jax.core", "dcs_jax.extras", "dcs_jax.tracker"], "beartype.beartype")
 
+import pytest
 from hypothesis import settings
+
+from dcs_jax import tracker
 
 # The first example of each shape compiles. The same examples every time: a failure is reproducible.
 settings.register_profile("default", deadline=None, derandomize=True, max_examples=25)
 settings.load_profile("default")
+
+
+@pytest.fixture
+def traces(monkeypatch):
+    """How often `init` and `step` have been traced since the test began: a dict of counts."""
+    counts = {"init": 0, "step": 0}
+
+    def counted(name, function):
+        def count(*arguments):
+            counts[name] += 1
+            return function(*arguments)
+
+        return count
+
+    for name in counts:
+        monkeypatch.setattr(tracker, name, counted(name, getattr(tracker, name)))
+    return counts

@@ -94,18 +94,7 @@ def test_one_frame_and_the_native_grid(clip):
     np.testing.assert_array_equal(track.boxes, clip.boxes[None, :1])
 
 
-def test_other_boxes_keys_numbers_and_lengths_compile_nothing(clip, monkeypatch):
-    traces = {"init": 0, "step": 0}
-
-    def counted(name, function):
-        def count(*arguments):
-            traces[name] += 1
-            return function(*arguments)
-
-        return count
-
-    for name in traces:
-        monkeypatch.setattr(tracker, name, counted(name, getattr(tracker, name)))
+def test_other_boxes_keys_numbers_and_lengths_compile_nothing(clip, traces):
     frames = clip.frames[:, :104]  # a shape no other test has
     boxes = clip.boxes[0] + SHIFTS
     dcs_jax.track_batch(frames, boxes, config=SMALL)

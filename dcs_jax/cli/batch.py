@@ -8,7 +8,7 @@ import typer
 
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
-from dcs_jax.cli.progress import work_bar
+from dcs_jax.cli.progress import WorkBar
 from dcs_jax.cli.track import Preset
 from dcs_jax.evaluation.settings import with_changes
 from dcs_jax.jobs.results import FAILED, INDEX
@@ -97,29 +97,16 @@ def _report(done: Batch) -> None:
         typer.echo(f"and {len(done.failed) - SHOWN} more in {done.out / FAILED}", err=True)
 
 
-class ProgressBar(BatchWatch):
+class ProgressBar(WorkBar, BatchWatch):
     """A bar over the frames to track, on stderr, shown on a terminal only."""
 
     def __init__(self) -> None:
-        self._progress = work_bar()
-        self._task = self._progress.add_task("looking", total=None)
-
-    def __enter__(self) -> "ProgressBar":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._progress.stop()
+        super().__init__("looking")
 
     def planned(self, work: int, reused: int, stale: int, videos: int) -> None:
         """Say what is reused, and set the bar to what is left."""
         notes = [f"{reused} of {videos} videos finished before"] if reused else []
         if stale:
             notes.append(f"{stale} made anew, as row, setting or file have changed")
-        if notes:
-            typer.echo(", ".join(notes))
-        self._progress.update(self._task, total=work, description="tracking")
-
-    def advance(self, work: int) -> None:
-        """Move the bar."""
-        self._progress.advance(self._task, work)
+        self.start(work, notes)
+        self.describe("tracking")

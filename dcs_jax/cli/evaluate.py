@@ -9,7 +9,7 @@ import typer
 
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
-from dcs_jax.cli.progress import work_bar
+from dcs_jax.cli.progress import WorkBar
 from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
 from dcs_jax.evaluation.experiment import Watch
 from dcs_jax.evaluation.experiment import evaluate as run_evaluation
@@ -114,33 +114,19 @@ def _split(text: str, separator: str = ",") -> list[str]:
     return [part.strip() for part in re.split(separator, text) if part.strip()]
 
 
-class ProgressBar(Watch):
+class ProgressBar(WorkBar, Watch):
     """A bar over all track-frames with the time left, on stderr, shown on a terminal only."""
 
     def __init__(self) -> None:
-        self._progress = work_bar()
-        self._task = self._progress.add_task("reading", total=None)
-
-    def __enter__(self) -> "ProgressBar":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._progress.stop()
+        super().__init__("reading")
 
     def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
         """Say what is reused, and set the bar to what is left."""
         notes = [f"{reused} of {runs} runs reused"] if reused else []
         if stale:
             notes.append(f"{stale} made anew, as setting, code or data have changed")
-        if notes:
-            typer.echo(", ".join(notes))
-        self._progress.update(self._task, total=work)
+        self.start(work, notes)
 
     def working(self, what: str) -> None:
         """Name what is being run."""
-        self._progress.update(self._task, description=what)
-
-    def advance(self, work: int) -> None:
-        """Move the bar."""
-        self._progress.advance(self._task, work)
+        self.describe(what)

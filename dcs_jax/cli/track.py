@@ -9,14 +9,14 @@ import jax
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.progress import MofNCompleteColumn, ProgressColumn, Task
 from rich.text import Text
 
 import dcs_jax
 from dcs_jax.checks import check_box
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import INTERRUPTED
+from dcs_jax.cli.progress import bar
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
 from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
@@ -138,7 +138,7 @@ def _track_to_files(
     with ExitStack() as files:
         video = overlay and files.enter_context(VideoWriter(overlay, frames.shape, frames.fps))
         table = files.enter_context(BoxWriter(out, frames.start))
-        progress = files.enter_context(_progress())
+        progress = files.enter_context(bar(MofNCompleteColumn(), _Rate()))
         task = progress.add_task("tracking", total=frames.length)
         try:
             for chunk in dcs_jax.track_stream(frames, box[None], jax.random.key(seed), config):
@@ -175,17 +175,3 @@ class _Rate(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         return Text(f"{task.speed:.0f} frames/s" if task.speed else "compiling", style="cyan")
-
-
-def _progress() -> Progress:
-    """A bar on stderr, shown on a terminal only."""
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _Rate(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
