@@ -52,6 +52,7 @@ class Config:
             keeps its given size, around the object's middle (the search follows its size all the
             same). Without extras it has no effect.
         sizes: S, how many sizes are looked at in a frame, an odd number.
+        size_step: ratio of one of them to the next, above 1.
 
     Numbers:
         block: the largest base block of a feature, in sides of its part, above 0 and at most 1 (the
@@ -64,7 +65,6 @@ class Config:
             -log(1 - Noisy-OR); 0: every place in the window is as likely (the paper's setting).
         place_weight: what the place filter's answer, about 1 where it is sure, adds on that scale.
         place_rate, size_rate: share of the present frame in the filters, in [0, 1].
-        size_step: ratio of two sizes that are looked at, above 1.
         recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
         recent_rate: share of the present frame in the recent appearance, in [0, 1].
         confidence_middle, confidence_slope: confidence is
@@ -93,7 +93,8 @@ class Config:
     first_updates: int = _static(50)
     extras: bool = _static(True)
     scale: bool = _static(True)
-    sizes: int = _static(17)
+    sizes: int = _static(11)
+    size_step: float = _static(1.04)
 
     block: float | jax.Array = 1 / 3
     lam: float | jax.Array = 0.01
@@ -103,7 +104,6 @@ class Config:
     place_weight: float | jax.Array = 15.0
     place_rate: float | jax.Array = 0.02
     size_rate: float | jax.Array = 0.025
-    size_step: float | jax.Array = 1.03
     recent_penalty: float | jax.Array = 0.1
     recent_rate: float | jax.Array = 0.05
     confidence_middle: float | jax.Array = 0.3
@@ -154,6 +154,8 @@ class Config:
             raise ValueError(
                 f"window_factor must be finite and above 1, but is {self.window_factor!r}"
             )
+        if not 1 < self.size_step < 2:
+            raise ValueError(f"size_step must be above 1 and below 2, but is {self.size_step!r}")
         for name in ("extras", "scale"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} must be True or False, but is {getattr(self, name)!r}")
@@ -166,7 +168,6 @@ class Config:
         for name in _SHARES:
             _check_range(name, getattr(self, name), "from 0 to 1", 0, 1 + 1e-6)
         _check_range("patience", self.patience, "at least 1", 1, math.inf)
-        _check_range("size_step", self.size_step, "above 1 and below 2", 1 + 1e-6, 2)
         _check_range("confidence_middle", self.confidence_middle, "from -1 to 1", -1, 1 + 1e-6)
         _check_range("block", self.block, "above 0 and at most 1", 1e-6, 1 + 1e-6)
 

@@ -54,13 +54,13 @@ def recognise(
     window: in which the object was found, displacement: where, [2] down and right, cells. Where the
     object is not recognised, behind something perhaps, it keeps its size.
     """
-    patches = appearance.describe_sizes(window, displacement, config)
+    factors = appearance.size_factors(config)
+    patches = appearance.describe(window, displacement, factors, config.grid)
     alike = appearance.similarity(known.appearance, patches[config.sizes // 2], config)
     confidence = appearance.confidence(alike, config)
-    steps = correlation.size_steps(known.size, patches)
+    steps = confidence * correlation.size_steps(known.size, patches)
     return seen._replace(
-        box=_resized(seen.box, config.size_step ** (confidence * steps), frame_shape),
-        confidence=confidence,
+        box=_resized(seen.box, config.size_step**steps, frame_shape), confidence=confidence
     )
 
 
@@ -134,7 +134,8 @@ def _learned(
     window: Float[Array, "lines_y lines_x"], config: Config
 ) -> tuple[Filter, Filter, Float[Array, " D"]]:
     """Filters for place and size, and the description, of the object in the window's middle."""
-    patches = appearance.describe_sizes(window, jnp.zeros(2, jnp.float32), config)
+    nowhere, factors = jnp.zeros(2, jnp.float32), appearance.size_factors(config)
+    patches = appearance.describe(window, nowhere, factors, config.grid)
     place = correlation.learn_place(window, config.grid)
     return place, correlation.learn_size(patches), patches[config.sizes // 2]
 

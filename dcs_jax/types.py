@@ -86,6 +86,8 @@ class Appearance(NamedTuple):
 class Filter(NamedTuple):
     """A correlation filter over one or two axes, numerator over denominator for each frequency.
 
+    The last axis has half of the frequencies, as of a real signal's spectrum.
+
     numerator: [D, ...] complex64, the wanted answer times the conjugate of what was seen.
     denominator: [...] float32, the power of what was seen.
     """

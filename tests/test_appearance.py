@@ -19,7 +19,12 @@ CONFIG = Config(canvas=(24, 20), sizes=5)
 def described(cells: np.ndarray, displacement=(0.0, 0.0)) -> np.ndarray:
     integral = jnp.asarray(reference.integral(cells), jnp.float32)
     return np.asarray(
-        appearance.describe_sizes(integral, jnp.asarray(displacement, jnp.float32), CONFIG)
+        appearance.describe(
+            integral,
+            jnp.asarray(displacement, jnp.float32),
+            appearance.size_factors(CONFIG),
+            CONFIG.grid,
+        )
     )
 
 

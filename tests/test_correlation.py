@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from dcs_jax.config import Config
 from dcs_jax.core import correlation
-from dcs_jax.core.appearance import describe_sizes
+from dcs_jax.core.appearance import describe, size_factors
 
 CONFIG = Config(canvas=(24, 20))
 GRID = CONFIG.grid
@@ -32,6 +32,10 @@ def integral(cells: np.ndarray) -> jax.Array:
     return jnp.asarray(reference.integral(cells), jnp.float32)
 
 
+def describe_all(cells: np.ndarray) -> jax.Array:
+    return describe(integral(cells), HERE, size_factors(CONFIG), GRID)
+
+
 # Sums of an integral image in float32 are exact to some 1e-3 grey values, and a weak frequency
 # divides that by the ridge, a hundredth of the mean power.
 @given(seed=st.integers(0, 2**31))
@@ -39,10 +43,12 @@ def test_place_filter_and_answer_are_those_of_the_reference(seed):
     first, second = window(seed), window(seed, shift=(2, -1))
     learned = correlation.learn_place(integral(first), GRID)
     place = expected.learn_place(first, GRID)
-    for found, wanted in zip(learned, place, strict=True):
+    # Of the last axis, half of the frequencies.
+    half = place[1].shape[1] // 2 + 1
+    for found, wanted in zip(learned, (part[..., :half] for part in place), strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
     answer = correlation.place_answer(learned, integral(second), GRID)
-    np.testing.assert_allclose(answer, expected.place_answer(place, second, GRID), atol=2e-3)
+    np.testing.assert_allclose(answer, expected.place_answer(place, second, GRID), atol=4e-3)
 
 
 @given(seed=st.integers(0, 2**31), down=st.integers(-3, 3), across=st.integers(-3, 3))
@@ -57,10 +63,7 @@ def test_the_answer_peaks_at_the_displacement_of_a_shifted_window(seed, down, ac
 
 @given(seed=st.integers(0, 2**31), zoom=st.sampled_from([0.92, 1.0, 1.05]))
 def test_size_filter_is_that_of_the_reference(seed, zoom):
-    first, second = (
-        np.asarray(describe_sizes(integral(window(seed, scale)), HERE, CONFIG))
-        for scale in (1.0, zoom)
-    )
+    first, second = (np.asarray(describe_all(window(seed, scale))) for scale in (1.0, zoom))
     steps = correlation.size_steps(correlation.learn_size(jnp.asarray(first)), jnp.asarray(second))
     size = expected.learn_size(first.astype(float))
     assert steps == pytest.approx(expected.size_steps(size, second.astype(float)), abs=1e-3)
@@ -69,8 +72,7 @@ def test_size_filter_is_that_of_the_reference(seed, zoom):
 @given(seed=st.integers(0, 2**31))
 def test_the_size_steps_are_none_on_the_same_patch_and_have_the_sign_of_growth(seed):
     same, grown, shrunk = (
-        describe_sizes(integral(window(seed, CONFIG.size_step**steps)), HERE, CONFIG)
-        for steps in (0, 2, -2)
+        describe_all(window(seed, CONFIG.size_step**steps)) for steps in (0, 2, -2)
     )
     size = correlation.learn_size(same)
     assert abs(correlation.size_steps(size, same)) < 0.05

@@ -10,7 +10,7 @@ from reference.gradients import gradient_cells as expected_cells
 
 from dcs_jax.core.gradients import gradient_cells
 
-cells_of = jax.jit(gradient_cells, static_argnums=1)
+cells_of = jax.jit(gradient_cells, static_argnums=(1, 2))
 
 
 def random_grey(seed: int, shape: tuple[int, int]) -> np.ndarray:
@@ -21,10 +21,12 @@ def random_grey(seed: int, shape: tuple[int, int]) -> np.ndarray:
     seed=st.integers(0, 2**31),
     shape=st.sampled_from([(12, 12), (13, 17), (9, 20)]),
     cell=st.sampled_from([1, 3, 4]),
+    soft=st.booleans(),
 )
-def test_cells_are_those_of_the_reference(seed, shape, cell):
+def test_cells_are_those_of_the_reference(seed, shape, cell, soft):
     grey = random_grey(seed, shape)
-    np.testing.assert_allclose(cells_of(grey, cell), expected_cells(grey, cell), atol=1e-3)
+    wanted = expected_cells(grey, cell, soft)
+    np.testing.assert_allclose(cells_of(grey, cell, soft), wanted, atol=1e-3)
 
 
 @given(seed=st.integers(0, 2**31), constant=st.integers(-255, 255))

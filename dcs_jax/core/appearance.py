@@ -7,9 +7,10 @@ is compared with the object's first appearance, and with its recent one.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from dcs_jax.config import Config
+from dcs_jax.config import Config, Grid
 from dcs_jax.core.gradients import gradient_cells
 from dcs_jax.types import Appearance
 
@@ -18,36 +19,44 @@ PLACES, _CELL = 32, 4
 _ROUNDING = 1e-6
 
 
-def size_factors(config: Config) -> Float[Array, " S"]:
+def size_factors(config: Config) -> np.ndarray:
     """The sizes that are looked at, in units of the last one: [S], the middle one is 1."""
-    steps = jnp.arange(config.sizes, dtype=jnp.float32) - config.sizes // 2
-    return jnp.exp(steps * jnp.log(jnp.asarray(config.size_step, jnp.float32)))
+    return config.size_step ** (np.arange(config.sizes) - config.sizes // 2.0)
 
 
-def describe_sizes(
-    integral: Float[Array, "lines_y lines_x"], displacement: Float[Array, "2"], config: Config
+def describe(
+    integral: Float[Array, "lines_y lines_x"],
+    displacement: Float[Array, "2"],
+    factors: np.ndarray,
+    grid: Grid,
 ) -> Float[Array, "S D"]:
     """Descriptions of the object's patch at a place, in S sizes: [S, D].
 
     integral: [G_y + 1, G_x + 1], of a window. displacement: [2] down and right from the middle of
-    the window, cells. The patch is resampled from the window's integral image by exact area means.
+    the window, cells. factors: [S], in units of the object's size. The patch is resampled from the
+    window's integral image by exact area means.
     """
-    grid = config.grid
-    along = jnp.arange(PLACES + 1, dtype=jnp.float32) / PLACES - 0.5
-    factors = size_factors(config)
+    sides = np.array([grid.rows, grid.columns])
+    lines = np.array(integral.shape)
+    # Only these lines of the integral image can be needed.
+    near = np.minimum(np.ceil(sides * factors.max()).astype(int) + 2, lines)
+    middle = displacement + jnp.asarray(lines - 1, jnp.float32) / 2
+    first = jnp.floor(middle - jnp.asarray(near - 2, jnp.float32) / 2).astype(jnp.int32)
+    first = jnp.clip(first, 0, jnp.asarray(lines - near, jnp.int32))
+    part = jax.lax.dynamic_slice(integral, first, near)
+    along = factors[:, None] * (np.arange(PLACES + 1) / PLACES - 0.5)
 
-    def lines(middle: Float[Array, ""], side: int, last: int) -> Float[Array, "S places last"]:
-        """Weights of the integral image's lines at the patch's: [S, places + 1, lines]."""
-        line = jnp.clip(middle + factors[:, None] * (side * along), 0, last - 1)
-        return jnp.maximum(1 - jnp.abs(line[..., None] - jnp.arange(last, dtype=jnp.float32)), 0)
+    def between(axis: int) -> Float[Array, "S places near"]:
+        """What each line counts for the difference between two lines of the patch."""
+        line = middle[axis] + jnp.asarray(sides[axis] * along, jnp.float32)
+        line = jnp.clip(line, 0, float(lines[axis] - 1)) - first[axis].astype(jnp.float32)
+        away = jnp.abs(line[..., None] - jnp.arange(near[axis], dtype=jnp.float32))
+        return jnp.diff(jnp.maximum(1 - away, 0), axis=1)
 
-    middle = displacement + jnp.array(grid.window, jnp.float32) / 2
-    rows = lines(middle[0], grid.rows, integral.shape[0])
-    columns = lines(middle[1], grid.columns, integral.shape[1])
-    sums = jnp.einsum("syg,gh,sxh->syx", rows, integral, columns)
-    means = jnp.diff(jnp.diff(sums, axis=1), axis=2)
-    means *= (PLACES**2 / (grid.rows * grid.columns)) / jnp.square(factors)[:, None, None]
-    return jax.vmap(_describe)(means)
+    sums = jnp.einsum("syg,gh->syh", between(0), part)
+    means = jnp.einsum("syh,sxh->syx", sums, between(1))
+    cells = sides.prod() * np.square(factors / PLACES)
+    return jax.vmap(_describe)(means / jnp.asarray(cells, jnp.float32)[:, None, None])
 
 
 def _describe(patch: Float[Array, "places places"]) -> Float[Array, " D"]:

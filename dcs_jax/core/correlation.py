@@ -32,17 +32,18 @@ def blend(old: Filter, new: Filter, rate: float | Float[Array, ""]) -> Filter:
 
 
 def learn_place(integral: Float[Array, "lines_y lines_x"], grid: Grid) -> Filter:
-    """The filter that answers at the middle of this window: [8, Y, X] and [Y, X].
+    """The filter that answers at the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1].
 
     integral: [G_y + 1, G_x + 1], of the window around the object.
     """
-    spectrum = _window_spectrum(integral, grid)
+    cells = _window_cells(integral, grid)
     sides = (grid.rows, grid.columns)
     squares = [
-        np.square(np.fft.fftfreq(cells) * cells * _place_cell(grid) / (side * _PLACE_SIGMA))
-        for cells, side in zip(spectrum.shape[1:], sides, strict=True)
+        np.square(np.fft.fftfreq(count) * count * _place_cell(grid) / (side * _PLACE_SIGMA))
+        for count, side in zip(cells.shape[1:], sides, strict=True)
     ]
-    return _learn(spectrum, np.exp(-0.5 * np.add.outer(*squares)))
+    wanted = np.fft.rfft2(np.exp(-0.5 * np.add.outer(*squares)))
+    return _learn(jnp.fft.rfft2(cells), jnp.asarray(wanted, jnp.complex64))
 
 
 def place_answer(
@@ -50,40 +51,45 @@ def place_answer(
 ) -> Float[Array, "C_y C_x"]:
     """The filter's answer at every candidate place, about 1 where it is sure: [C_y, C_x].
 
-    integral: [G_y + 1, G_x + 1], of a window. The answer has one value a cell of the filter; those
-    of the places between are interpolated by cubic convolution (Keys, 1981).
+    integral: [G_y + 1, G_x + 1], of a window. The answer has one value a cell of the filter; the
+    places between are values of the same Fourier series.
     """
-    spectrum = _window_spectrum(integral, grid)
+    cells = _window_cells(integral, grid)
     ridge = _PLACE_RIDGE * place.denominator.mean()
-    answer = (place.numerator * spectrum).sum(0) / (place.denominator + ridge).astype(
-        spectrum.dtype
+    spectrum = (place.numerator * jnp.fft.rfft2(cells)).sum(0) / (place.denominator + ridge).astype(
+        jnp.complex64
     )
-    answer = jnp.fft.ifft2(answer).real
-    cell = _place_cell(grid)
-    rows, columns = (
-        jnp.asarray(_cubic((positions - 1) // 2, cell, cells), jnp.float32)
-        for positions, cells in zip(grid.positions, answer.shape, strict=True)
-    )
-    return rows @ jnp.fft.fftshift(answer) @ columns.T
+    lines = [
+        _line((positions - 1) // 2, _place_cell(grid), count)
+        for positions, count in zip(grid.positions, cells.shape[1:], strict=True)
+    ]
+    rows, columns = cells.shape[1:]
+    down = _waves(lines[0], np.fft.fftfreq(rows))
+    # The half of the frequencies that a real answer does not need counts in the other.
+    frequencies = np.fft.rfftfreq(columns)
+    twice = np.where((frequencies == 0) | (frequencies == 0.5), 1, 2)
+    right = _waves(lines[1], frequencies) * twice
+    half = jnp.asarray(down, jnp.complex64) @ spectrum
+    real = half.real @ jnp.asarray(right.real.T, jnp.float32)
+    return (real - half.imag @ jnp.asarray(right.imag.T, jnp.float32)) / (rows * columns)
 
 
 def learn_size(descriptions: Float[Array, "S D"]) -> Filter:
-    """The filter that answers at the middle of these sizes: [D, S] and [S].
+    """The filter that answers at the middle of these sizes: [D, S/2 + 1] and [S/2 + 1].
 
     descriptions: [S, D], of the object's patch in S sizes, the middle one its own.
     """
     sizes = len(descriptions)
     steps = np.arange(sizes) - sizes // 2
-    wanted = np.exp(-0.5 * np.square(steps / (_SIZE_SIGMA * np.sqrt(sizes))))
-    return _learn(_size_spectrum(descriptions), wanted)
+    wanted = np.fft.rfft(np.exp(-0.5 * np.square(steps / (_SIZE_SIGMA * np.sqrt(sizes)))))
+    return _learn(_size_spectrum(descriptions), jnp.asarray(wanted, jnp.complex64))
 
 
 def size_steps(size: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, ""]:
     """By how many steps the object has grown: [], between -S/2 and S/2, by a parabola's peak."""
-    spectrum = _size_spectrum(descriptions)
-    power = (size.denominator + _SIZE_RIDGE).astype(spectrum.dtype)
-    ratio = (size.numerator * spectrum).sum(0) / power
-    answer = jnp.fft.ifft(ratio).real
+    power = (size.denominator + _SIZE_RIDGE).astype(size.numerator.dtype)
+    ratio = (size.numerator * _size_spectrum(descriptions)).sum(0) / power
+    answer = jnp.fft.irfft(ratio, len(descriptions))
     best = jnp.argmax(answer[1:-1]) + 1
     offset = parabola_peak(answer[best - 1], answer[best], answer[best + 1])
     return best.astype(jnp.float32) - len(descriptions) // 2 + offset
@@ -101,10 +107,11 @@ def parabola_peak(
     )
 
 
-def _learn(spectrum: Complex[Array, "D *frequencies"], wanted: np.ndarray) -> Filter:
-    answer = jnp.asarray(np.fft.fftn(wanted), jnp.complex64)
+def _learn(
+    spectrum: Complex[Array, "D *frequencies"], wanted: Complex[Array, "*frequencies"]
+) -> Filter:
     power = jnp.square(spectrum.real) + jnp.square(spectrum.imag)
-    return Filter(answer * spectrum.conj(), power.sum(0))
+    return Filter(wanted * spectrum.conj(), power.sum(0))
 
 
 def _place_cell(grid: Grid) -> int:
@@ -112,20 +119,19 @@ def _place_cell(grid: Grid) -> int:
     return max(1, min(grid.rows, grid.columns) // _CELLS)
 
 
-def _window_spectrum(
-    integral: Float[Array, "lines_y lines_x"], grid: Grid
-) -> Complex[Array, "8 Y X"]:
-    """Spectrum of a window's gradient cells, faded out towards its edges: [8, Y, X]."""
-    cells = gradient_cells(jnp.diff(jnp.diff(integral, axis=0), axis=1), _place_cell(grid))
+def _window_cells(integral: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array, "8 Y X"]:
+    """A window's gradient cells, faded out towards its edges: [8, Y, X]."""
+    grey = jnp.diff(jnp.diff(integral, axis=0), axis=1)
+    cells = gradient_cells(grey, _place_cell(grid), soft=True)
     cells -= cells.mean((1, 2), keepdims=True)
     cells *= jnp.asarray(np.multiply.outer(*map(_fade, cells.shape[1:])), jnp.float32)
-    return jnp.fft.fft2(cells / jnp.sqrt(jnp.square(cells).mean() + 1e-6))
+    return cells / jnp.sqrt(jnp.square(cells).mean() + 1e-6)
 
 
-def _size_spectrum(descriptions: Float[Array, "S D"]) -> Complex[Array, "D S"]:
-    """Spectrum of the descriptions over the sizes, faded out towards both ends: [D, S]."""
+def _size_spectrum(descriptions: Float[Array, "S D"]) -> Complex[Array, "D half"]:
+    """Spectrum of the descriptions over the sizes, faded out towards both ends: [D, S/2 + 1]."""
     fade = jnp.asarray(_fade(len(descriptions)), jnp.float32)
-    return jnp.fft.fft((descriptions * fade[:, None]).T)
+    return jnp.fft.rfft((descriptions * fade[:, None]).T)
 
 
 def _fade(places: int) -> np.ndarray:
@@ -133,10 +139,13 @@ def _fade(places: int) -> np.ndarray:
     return np.hanning(places + 2)[1:-1]
 
 
-def _cubic(margin: int, cell: int, cells: int) -> np.ndarray:
-    """Weights [2 margin + 1, cells] of a row of cells at displacements from its middle cell."""
-    line = np.clip(np.arange(-margin, margin + 1) / cell + cells // 2, 0, cells - 1)
-    away = np.abs(line[:, None] - np.arange(cells))
-    near = 1.5 * away**3 - 2.5 * away**2 + 1
-    far = -0.5 * away**3 + 2.5 * away**2 - 4 * away + 2
-    return np.where(away <= 1, near, np.where(away < 2, far, 0))
+def _line(margin: int, cell: int, cells: int) -> np.ndarray:
+    """Candidate displacements in cells of the filter, none beyond the last: [2 margin + 1]."""
+    return np.clip(np.arange(-margin, margin + 1) / cell, -(cells // 2), (cells - 1) // 2)
+
+
+def _waves(line: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """The waves of a Fourier series at places on a line: [places, frequencies]."""
+    waves = np.exp(2j * np.pi * np.outer(line, frequencies))
+    # The highest of an even number of frequencies is its own negative.
+    return np.where(np.abs(frequencies) == 0.5, waves.real, waves)

@@ -24,7 +24,7 @@ def place_cell(grid: Grid) -> int:
 
 def window_features(cells: Floats, grid: Grid) -> Floats:
     """Gradient cells [8, Y, X] without their mean, faded to the edges, of unit mean square."""
-    features = gradient_cells(cells, place_cell(grid))
+    features = gradient_cells(cells, place_cell(grid), soft=True)
     _, rows, columns = features.shape
     features = features - features.mean(axis=(1, 2), keepdims=True)
     features = features * hann(rows)[:, None] * hann(columns)
@@ -52,32 +52,23 @@ def learn_place(cells: Floats, grid: Grid) -> Filter:
     return train(features, wanted)
 
 
-def keys(x: float) -> float:
-    """The cubic convolution kernel of Keys (1981), a = -1/2."""
-    x = abs(x)
-    if x <= 1:
-        return 1.5 * x**3 - 2.5 * x**2 + 1
-    return -0.5 * x**3 + 2.5 * x**2 - 4 * x + 2 if x < 2 else 0.0
-
-
 def place_answer(place: Filter, cells: Floats, grid: Grid) -> Floats:
-    """Answer [Cy, Cx] at all candidate places, between the filter's cells interpolated."""
+    """Answer [Cy, Cx] at all candidate places: the Fourier series of the filter's answer there."""
     numerator, denominator = place
     spectrum = np.fft.fft2(window_features(cells, grid))
     ratio = (numerator * spectrum).sum(axis=0) / (denominator + RIDGE * denominator.mean())
-    answer = np.fft.ifft2(ratio).real
-    weights = []
-    for margin, count in zip((grid.margin_rows, grid.margin_columns), answer.shape, strict=True):
-        middle = count // 2
-        axis = np.zeros((2 * margin + 1, count))
-        for place_number in range(2 * margin + 1):
-            at = (place_number - margin) / place_cell(grid) + middle
-            at = min(max(at, 0), count - 1)
-            for i in range(count):
-                # Displacement i - middle of the periodic answer.
-                axis[place_number, (i - middle) % count] += keys(at - i)
-        weights.append(axis)
-    return weights[0] @ answer @ weights[1].T
+    waves = []
+    for margin, count in zip((grid.margin_rows, grid.margin_columns), ratio.shape, strict=True):
+        axis = np.zeros((2 * margin + 1, count), complex)
+        for number in range(2 * margin + 1):
+            at = (number - margin) / place_cell(grid)
+            at = min(max(at, -(count // 2)), (count - 1) // 2)
+            for k in range(count):
+                frequency = k if k < (count + 1) // 2 else k - count
+                wave = np.exp(2j * np.pi * frequency * at / count) / count
+                axis[number, k] = wave.real if 2 * abs(frequency) == count else wave
+        waves.append(axis)
+    return (waves[0] @ ratio @ waves[1].T).real
 
 
 def learn_size(descriptions: Floats) -> Filter:

@@ -9,26 +9,46 @@ PLACES, CELL = 32, 4  # of a described patch
 LEAST_SQUARE = 1e-6
 
 
-def gradient_cells(grey: Floats, cell: int) -> Floats:
+def gradient_cells(grey: Floats, cell: int, soft: bool = False) -> Floats:
     """Parts of the gradient in 8 directions, summed in cells and divided by the root of strength.
 
-    grey: [y, x], edges repeated. Returns [8, Y, X].
+    grey: [y, x], edges repeated. soft: every place counts for two cells on each axis. Returns
+    [8, Y, X].
     """
     height, width = grey.shape
     rows, columns = height // cell, width // cell
     top, left = (height - rows * cell) // 2, (width - columns * cell) // 2
     sums = np.zeros((DIRECTIONS, rows, columns))
+    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     for y in range(rows * cell):
         for x in range(columns * cell):
             r, c = top + y, left + x
             down = (grey[min(r + 1, height - 1), c] - grey[max(r - 1, 0), c]) / 2
             right = (grey[r, min(c + 1, width - 1)] - grey[r, max(c - 1, 0)]) / 2
-            for k in range(DIRECTIONS):
-                angle = 2 * np.pi * k / DIRECTIONS
-                along = right * np.cos(angle) + down * np.sin(angle)
-                sums[k, y // cell, x // cell] += max(along, 0.0)
+            along = np.maximum(right * np.cos(angles) + down * np.sin(angles), 0)
+            for row, row_share in owners(y, cell, rows, soft):
+                for column, column_share in owners(x, cell, columns, soft):
+                    sums[:, row, column] += row_share * column_share * along
     strength = np.sqrt((sums**2).sum(axis=0) + 1)
     return sums / np.sqrt(strength)
+
+
+def owners(place: int, cell: int, cells: int, soft: bool) -> list[tuple[int, float]]:
+    """The cells a place on an axis counts for, and how much for each.
+
+    soft: linear in the distance between the middle of a cell and the middle of the half cell that
+    the place is in (with an odd number of places a cell, the place itself).
+    """
+    if not soft:
+        return [(place // cell, 1.0)]
+    half = cell // 2 if cell % 2 == 0 else 1
+    middle = (place // half + 0.5) * half / cell - 0.5
+    middle = min(max(middle, 0.0), cells - 1.0)
+    before = int(middle)
+    return [
+        (before, 1 - (middle - before)),
+        (min(before + 1, cells - 1), middle - before),
+    ]
 
 
 def describe(cells: Floats, displacement: Floats, factor: float, grid: Grid) -> Floats:
