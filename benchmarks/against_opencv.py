@@ -8,9 +8,8 @@ of tracking alone, the frames in memory and everything compiled; OpenCV runs on 
 """
 
 import argparse
+import functools
 import os
-import statistics
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dcs_jax
+from benchmarks.timing import ratios, spread, take_turns
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import find_annotation, read_boxes
 from dcs_jax.io.frames import open_source
@@ -41,13 +41,13 @@ def main() -> None:
         "dcs_jax, default": lambda: track_jax(on_device, truth[0], dcs_jax.Config()),
         "dcs_jax, paper": lambda: track_jax(on_device, truth[0], dcs_jax.Config.paper()),
     }
-    seconds: dict[str, list[float]] = {name: [] for name in trackers}
-    boxes = {name: track() for name, track in trackers.items()}  # compiles
-    for _ in range(arguments.rounds):
-        for name, track in trackers.items():
-            begin = time.perf_counter()
-            track()
-            seconds[name].append(time.perf_counter() - begin)
+    boxes: dict[str, NDArray[np.float32]] = {}
+
+    def keep(name: str) -> None:
+        boxes[name] = trackers[name]()
+
+    calls = {name: functools.partial(keep, name) for name in trackers}
+    seconds = take_turns(calls, arguments.rounds)
 
     cores = len(os.sched_getaffinity(0))
     size = f"{frames.shape[2]}x{frames.shape[1]}, box of {truth[0][2]:g}x{truth[0][3]:g}"
@@ -56,11 +56,10 @@ def main() -> None:
     print("|---|---|---|---|---|")
     base = seconds["cv2.TrackerMIL"]
     for name, times in seconds.items():
-        rates = sorted(len(frames) / t for t in times)
-        ratios = [b / t for b, t in zip(base, times, strict=True)]
+        rates = [len(frames) / t for t in times]
         print(
-            f"| {name} | {statistics.median(rates):.0f} ({rates[0]:.0f} to {rates[-1]:.0f}) "
-            f"| {statistics.median(ratios):.1f} | {mean_centre_error(boxes[name], truth):.1f} "
+            f"| {name} | {spread(rates, 0)} | {spread(ratios(base, times))} "
+            f"| {mean_centre_error(boxes[name], truth):.1f} "
             f"| {success_rate(boxes[name], truth):.2f} |"
         )
 

@@ -13,7 +13,6 @@ step is checked first.
 import argparse
 import functools
 import statistics
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,14 +20,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
+from benchmarks import counts
 from benchmarks.against_opencv import load
+from benchmarks.timing import take_turns
 from dcs_jax import extras, tracker
 from dcs_jax.config import Config
-from dcs_jax.core.appearance import PLACES as PATCH
-from dcs_jax.core.gradients import DIRECTIONS
 from dcs_jax.core.haar import responses
-from dcs_jax.core.samples import LABELS, training_patches
+from dcs_jax.core.samples import training_patches
 from dcs_jax.core.search import confidence_map, find_peak
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
@@ -40,46 +40,8 @@ from dcs_jax.types import Sighting, State
 
 CALLS = 20  # between two looks at the clock
 LEARNED = 30  # frames tracked before the one that is measured
-CORNERS = (2 * 6 + 2 * 8 + 9) / 5  # a feature has in the mean: its five types are equally likely
-R, PATTERNS = len(LABELS), 2 ** len(LABELS)
 
 Made = dict[str, Any]  # what the stages so far have returned, by their names
-Counts = tuple[float, float]  # additions (a multiplication with it is free), bytes moved
-
-
-class Size(NamedTuple):
-    """What the counts are made of: of the frame, the window, the map and the pool."""
-
-    pixels: int
-    channels: int
-    width: int
-    rows: int  # lines of the window's integral image
-    columns: int
-    places: int
-    parts: int
-    problems: int  # K * N
-    features: int
-    iterations: int
-    sizes: int
-
-    @classmethod
-    def of(cls, config: Config, frame: jax.Array) -> "Size":
-        """The sizes of one step on this frame."""
-        height, width = frame.shape[:2]
-        problems = config.parts * config.selectors
-        return cls(
-            pixels=height * width,
-            channels=frame.size // (height * width),
-            width=width,
-            rows=config.grid.window[0] + 1,
-            columns=config.grid.window[1] + 1,
-            places=int(np.prod(config.grid.positions)),
-            parts=config.parts,
-            problems=problems,
-            features=problems * config.pool_size,
-            iterations=config.iterations,
-            sizes=config.sizes,
-        )
 
 
 class Stage(NamedTuple):
@@ -87,51 +49,37 @@ class Stage(NamedTuple):
 
     name: str
     run: Callable[[jax.Array, State, Made, Config], Any]
-    counts: Callable[[Size], Counts]
+    counts: Callable[[counts.Size], counts.Counts]
 
 
 def stages(config: Config) -> list[Stage]:
     """The step in order; where it changes, so must this list."""
     table = [
-        Stage(
-            "column sums",
-            lambda frame, state, made, config: column_sums(frame),
-            lambda n: (n.pixels * (n.channels + 1), n.pixels * (n.channels + 8)),
-        ),
+        Stage("column sums", lambda frame, state, made, config: column_sums(frame), counts.sums),
         Stage(
             "window, search",
             lambda frame, state, made, config: window_integral(
                 made["column sums"], state.box, config.grid
             ),
-            _window,
+            counts.window,
         ),
         Stage(
             "confidence map",
             lambda frame, state, made, config: confidence_map(
                 made["window, search"], state.pool, state.weak, state.strong, config
             ),
-            # One view a corner, then midpoint, sign and sum; the views stay in the nearest cache.
-            lambda n: (
-                n.problems * n.places * (CORNERS + 3),
-                4 * (n.rows * n.columns + 2 * n.parts * n.places),
-            ),
+            counts.votes,
         ),
-        Stage(
-            "place filter",
-            lambda frame, state, made, config: extras.witness(
-                state.extras, made["window, search"], config
-            ),
-            _gradients,
-        ),
-        Stage("peak", _peak, lambda n: (20 * n.places, 4 * 10 * n.places)),
-        Stage("recognition", _recognise, _patches),
-        Stage("elsewhere, if lost", _elsewhere, lambda n: (0, 0)),
+        Stage("place filter", _witness, counts.gradients),
+        Stage("peak", _peak, counts.peak),
+        Stage("recognition", _recognise, counts.patches),
+        Stage("elsewhere, if lost", _elsewhere, counts.nothing),
         Stage(
             "window, training",
             lambda frame, state, made, config: window_integral(
                 made["column sums"], _seen(made).box, config.grid
             ),
-            _window,
+            counts.window,
         ),
         Stage(
             "Haar responses",
@@ -141,52 +89,19 @@ def stages(config: Config) -> list[Stage]:
                 ),
                 state.pool,
             ),
-            # Nine corners, weights and the R values at each; then transposed.
-            lambda n: (9 * R * n.features, n.features * (9 * (2 + 1 + 4 * R) + 4 * 3 * R)),
+            counts.haar,
         ),
         Stage(
             "weak update",
             lambda frame, state, made, config: update_weak(state.weak, made["Haar responses"]),
-            lambda n: (n.features * (4 * (R - 1) + 5 * R), 4 * n.features * (2 * R + 8)),
+            counts.weak,
         ),
-        Stage(
-            "selection",
-            _select,
-            # Votes to patterns and back; in each iteration Phi x and Phi' r, and the two iterates.
-            lambda n: (
-                4 * R * n.features + n.iterations * n.problems * PATTERNS * (2 * R + 6),
-                4 * n.features * (R + 2) + 4 * n.iterations * n.problems * PATTERNS * 6,
-            ),
-        ),
-        Stage("strong", _combine, lambda n: (2 * n.features, 4 * 3 * n.features)),
-        Stage("extras, learning", _learn, _both),
+        Stage("selection", _select, counts.selection),
+        Stage("strong", _combine, counts.strong),
+        Stage("extras, learning", _learn, counts.both),
     ]
     only_extras = {"place filter", "recognition", "elsewhere, if lost", "extras, learning"}
     return [stage for stage in table if config.extras or stage.name not in only_extras]
-
-
-def _window(n: Size) -> Counts:
-    """Each line takes two rows of the frame, and their sums run along it; columns likewise."""
-    down, across = n.rows * n.width, n.rows * n.columns
-    return 4 * down + 3 * across, 4 * (6 * down + 4 * across)
-
-
-def _gradients(n: Size) -> Counts:
-    """Of the place filter: differences, then directions; its transforms have few cells."""
-    cells = n.rows * n.columns
-    return cells * (4 + 2 * DIRECTIONS), 4 * cells * (6 + DIRECTIONS)
-
-
-def _patches(n: Size) -> Counts:
-    """Of S resampled patches: each line is between two of the integral image, both ways."""
-    lines, places = n.sizes * PATCH * n.columns, n.sizes * PATCH**2
-    return 2 * lines + places * (6 + 2 * DIRECTIONS), 4 * (3 * lines + places * (6 + DIRECTIONS))
-
-
-def _both(n: Size) -> Counts:
-    """Of the place filter and the patches, to learn from."""
-    (additions, moved), (more, more_moved) = _gradients(n), _patches(n)
-    return additions + more, moved + more_moved
 
 
 def _seen(made: Made) -> Sighting:
@@ -194,13 +109,18 @@ def _seen(made: Made) -> Sighting:
     return sighting
 
 
+def _witness(frame: jax.Array, state: State, made: Made, config: Config) -> jax.Array:
+    assert state.extras is not None
+    return extras.witness(state.extras, made["window, search"], config)
+
+
 def _peak(frame: jax.Array, state: State, made: Made, config: Config) -> tuple[Sighting, jax.Array]:
-    found, shape = made["confidence map"], made["column sums"].shape
-    evidence = found.evidence + made.get("place filter", 0)
-    displacement = find_peak(evidence, state.box, shape, config)
-    noisy_or, scores = found.at(*tracker._nearest(displacement, config.grid))
-    moved = tracker._move(state.box, displacement, shape, config.grid)
-    return Sighting(moved, noisy_or, scores), displacement
+    votes, window, shape = made["confidence map"], made["window, search"], made["column sums"].shape
+    displacement = find_peak(votes.evidence + made.get("place filter", 0), state.box, shape, config)
+    # Without extras: recognition is a stage of its own.
+    plain = state._replace(extras=None)
+    seen = tracker._sight(plain, state.box, displacement, votes, window, shape, config)
+    return seen, displacement
 
 
 def _recognise(frame: jax.Array, state: State, made: Made, config: Config) -> Sighting:
@@ -244,6 +164,16 @@ def run(table: list[Stage], frame: jax.Array, state: State, config: Config) -> M
     return made
 
 
+def prepare(
+    frames: NDArray[np.uint8], box: NDArray[np.float64], config: Config
+) -> tuple[jax.Array, State]:
+    """The last frame, and the state of a track through those before it."""
+    shown = jnp.asarray(frames)
+    state, _ = start_track(shown[0], jnp.asarray(box, jnp.float32), jax.random.key(0), config)
+    state, _ = track_chunk(state, shown[1:-1], config)
+    return shown[-1], state
+
+
 def check(made: Made, frame: jax.Array, state: State, config: Config) -> None:
     """RuntimeError where the stages did not make the state that `tracker.step` makes."""
     whole, _ = jax.jit(tracker.step)(state, frame, config)
@@ -265,24 +195,10 @@ def rates() -> tuple[float, float]:
         return functools.reduce(jnp.add, shifted)
 
     copy = jax.jit(jnp.negative)
-    seconds = measure({"add": lambda: add(image), "copy": lambda: copy(line)}, 15)
+    calls = {"add": lambda: add(image), "copy": lambda: copy(line)}
+    seconds = take_turns(calls, 15, CALLS)
     # A floor takes the best that the machine did.
-    return views * side**2 / seconds["add"][0], 8 * numbers / seconds["copy"][0]
-
-
-def measure(calls: dict[str, Callable[[], Any]], rounds: int) -> dict[str, list[float]]:
-    """Seconds of each call, sorted; they take turns, so that all see the same machine."""
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        jax.block_until_ready(call())  # compiles
-    for _ in range(rounds):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            for _ in range(CALLS):
-                made = call()
-            jax.block_until_ready(made)
-            seconds[name].append((time.perf_counter() - begin) / CALLS)
-    return {name: sorted(times) for name, times in seconds.items()}
+    return views * side**2 / min(seconds["add"]), 8 * numbers / min(seconds["copy"])
 
 
 def main() -> None:
@@ -294,24 +210,24 @@ def main() -> None:
     arguments = parser.parse_args()
     frames, truth = load(arguments.sequence)
     config = parse_setting(arguments.setting).config("").resolve(truth[0])
-    shown = jnp.asarray(frames[: LEARNED + 2])
-    state, _ = start_track(shown[0], jnp.asarray(truth[0], jnp.float32), jax.random.key(0), config)
-    state, _ = track_chunk(state, shown[1:-1], config)
-    frame, table = shown[-1], stages(config)
+    frame, state = prepare(frames[: LEARNED + 2], truth[0], config)
+    table = stages(config)
     made = jax.jit(functools.partial(run, table))(frame, state, config)
     check(made, frame, state, config)
 
     nothing = jax.jit(lambda frame, state, made, config: frame[0, 0])
-    calls = {"nothing": functools.partial(nothing, frame, state, made, config)}
+    calls: dict[str, Callable[[], Any]] = {
+        "nothing": functools.partial(nothing, frame, state, made, config)
+    }
     for number, stage in enumerate(table):
         so_far = jax.jit(functools.partial(run, table[: number + 1]))
         calls[f"alone {number}"] = functools.partial(jax.jit(stage.run), frame, state, made, config)
         calls[f"so far {number}"] = functools.partial(so_far, frame, state, config)
-    measured = measure(calls, arguments.rounds)
+    measured = take_turns(calls, arguments.rounds, CALLS)
     seconds = {name: statistics.median(times) for name, times in measured.items()}
     additions, copied = rates()
 
-    size = Size.of(config, frame)
+    size = counts.Size.of(config, frame)
     print(f"{arguments.setting}: {size}")
     print(f"{additions / 1e9:.1f} additions and {copied / 1e9:.1f} bytes a nanosecond\n")
     print("| stage | alone, us | in the step, us | 1000 additions | kB | floor, us | times floor |")
