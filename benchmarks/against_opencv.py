@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dcs_jax
-from benchmarks.timing import ratios, spread, take_turns
+from benchmarks.timing import clocked, ratios, spread, take_turns
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import find_annotation, read_boxes
 from dcs_jax.io.frames import open_source
@@ -46,7 +46,7 @@ def main() -> None:
     def keep(name: str) -> None:
         boxes[name] = trackers[name]()
 
-    calls = {name: functools.partial(keep, name) for name in trackers}
+    calls = {name: clocked(functools.partial(keep, name)) for name in trackers}
     seconds = take_turns(calls, arguments.rounds)
 
     cores = len(os.sched_getaffinity(0))

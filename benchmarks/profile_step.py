@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks import counts
 from benchmarks.against_opencv import load
-from benchmarks.timing import take_turns
+from benchmarks.timing import clocked, take_turns
 from dcs_jax import extras, tracker
 from dcs_jax.config import Config
 from dcs_jax.core.haar import responses
@@ -196,7 +196,7 @@ def rates() -> tuple[float, float]:
 
     copy = jax.jit(jnp.negative)
     calls = {"add": lambda: add(image), "copy": lambda: copy(line)}
-    seconds = take_turns(calls, 15, CALLS)
+    seconds = take_turns({name: clocked(call, CALLS) for name, call in calls.items()}, 15)
     # A floor takes the best that the machine did.
     return views * side**2 / min(seconds["add"]), 8 * numbers / min(seconds["copy"])
 
@@ -223,7 +223,8 @@ def main() -> None:
         so_far = jax.jit(functools.partial(run, table[: number + 1]))
         calls[f"alone {number}"] = functools.partial(jax.jit(stage.run), frame, state, made, config)
         calls[f"so far {number}"] = functools.partial(so_far, frame, state, config)
-    measured = take_turns(calls, arguments.rounds, CALLS)
+    clocks = {name: clocked(call, CALLS) for name, call in calls.items()}
+    measured = take_turns(clocks, arguments.rounds)
     seconds = {name: statistics.median(times) for name, times in measured.items()}
     additions, copied = rates()
 

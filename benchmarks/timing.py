@@ -8,24 +8,34 @@ from typing import Any
 import jax
 
 
-def take_turns(
-    calls: Mapping[str, Callable[[], Any]], rounds: int, repeats: int = 1
-) -> dict[str, list[float]]:
-    """Seconds of each call, one number a round; all see the same machine, whose speed may drift.
+def clocked(call: Callable[[], Any], repeats: int = 1) -> Callable[[], float]:
+    """The call, once done off the clock, as that may compile, as one that returns its seconds.
 
-    repeats: calls between two looks at the clock, for those that take microseconds. Each is called
-    once beforehand, off the clock, as that may compile.
+    repeats: calls between two looks at the clock, for those that take microseconds.
+    """
+    jax.block_until_ready(call())
+
+    def seconds() -> float:
+        begin = time.perf_counter()
+        for _ in range(repeats):
+            made = call()
+        jax.block_until_ready(made)
+        return (time.perf_counter() - begin) / repeats
+
+    return seconds
+
+
+def take_turns(calls: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+    """What each call returns, seconds, one number a round.
+
+    So all see the same machine, whose speed may drift; every other round goes backwards.
     """
     seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        jax.block_until_ready(call())
+    order = list(calls)
     for _ in range(rounds):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            for _ in range(repeats):
-                made = call()
-            jax.block_until_ready(made)
-            seconds[name].append((time.perf_counter() - begin) / repeats)
+        for name in order:
+            seconds[name].append(calls[name]())
+        order.reverse()
     return seconds
 
 
