@@ -6,7 +6,7 @@ import os
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 HERE = Path(__file__).resolve().parents[1]  # this checkout
 
@@ -30,7 +30,7 @@ class Worker:
             env={**os.environ, **(environment or {})},
         )
 
-    def __enter__(self) -> "Worker":
+    def __enter__(self) -> Self:
         """Itself."""
         return self
 
