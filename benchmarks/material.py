@@ -1,5 +1,6 @@
 """What the cases of `benchmarks.run` are given, and what they return."""
 
+import itertools
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -81,11 +82,16 @@ class Material(NamedTuple):
 Case = Callable[[Material], Iterator[Row | Panel]]
 
 
-def load(root: Path | None, name: str) -> tuple[str, NDArray[np.uint8], NDArray[np.float64]]:
-    """Name, frames and first box of a sequence below the root; without one of a rendered clip."""
+def load(
+    root: Path | None, name: str, length: int | None = None
+) -> tuple[str, NDArray[np.uint8], NDArray[np.float64]]:
+    """Name, frames and first box of a sequence below the root; without one of a rendered clip.
+
+    length: frames, at most.
+    """
     if root is None:
-        clip = render(200)
+        clip = render(length or 200)
         return "a rendered clip", clip.frames, clip.boxes[0].astype(np.float64)
     (entry,) = find_sequences(root, [name])
     sequence = entry.load()
-    return name, np.stack(list(sequence.frames)), sequence.truth[0]
+    return name, np.stack(list(itertools.islice(sequence.frames, length))), sequence.truth[0]

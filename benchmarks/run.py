@@ -15,7 +15,7 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -39,6 +39,8 @@ CASES: dict[str, Case] = {
     "import": fresh.imports,
 }
 QUICK_ROUNDS, ROUNDS = 1, 5
+QUICK_FRAMES = 33
+FAILED = "FAILED: "
 
 
 def main(command_line: Sequence[str] | None = None) -> int:
@@ -46,7 +48,7 @@ def main(command_line: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("root", nargs="?", type=Path, help="folder of sequences")
     parser.add_argument("--sequence", default="david", help="of ROOT, for all but the seeds")
-    parser.add_argument("--quick", action="store_true", help="under 2 minutes: fewer of everything")
+    parser.add_argument("--quick", action="store_true", help="fewer of everything: under 2 minutes")
     parser.add_argument("--rounds", type=int, help=f"default {ROUNDS}, quick {QUICK_ROUNDS}")
     parser.add_argument("--only", help=f"some of {','.join(CASES)}")
     parser.add_argument("--python", type=Path, default=Path(sys.executable), help="with OpenCV")
@@ -58,35 +60,37 @@ def main(command_line: Sequence[str] | None = None) -> int:
     rounds = arguments.rounds or (QUICK_ROUNDS if arguments.quick else ROUNDS)
     begin = time.perf_counter()
     keep_compiled_programs()
-    sequence = load(arguments.root, arguments.sequence)
+    sequence = load(arguments.root, arguments.sequence, QUICK_FRAMES if arguments.quick else None)
     with tempfile.TemporaryDirectory() as folder, OpenCV(arguments.python, Path(folder)) as opencv:
         material = Material(*sequence, arguments.root, opencv, rounds, arguments.quick)
         print(about(material), end="\n\n")
         print("| case | measured | asked for |\n|---|---|---|", flush=True)
-        panels, failed = [], False
-        for made in run(names, material):
-            if isinstance(made, Panel):
-                panels.append(made)
-            else:
-                print(made, flush=True)
-                failed |= made.measured.startswith(FAILED)
-    print(f"\n{time.perf_counter() - begin:.0f} s in all")
+        panels: list[Panel] = []
+        seconds: dict[str, float] = {}
+        failed = False
+        for name in names:
+            since = time.perf_counter()
+            for made in guarded(name, material):
+                if isinstance(made, Panel):
+                    panels.append(made)
+                else:
+                    print(made, flush=True)
+                    failed |= made.measured.startswith(FAILED)
+            seconds[name] = time.perf_counter() - since
+    spent = ", ".join(f"{name} {taken:.0f}" for name, taken in seconds.items())
+    print(f"\n{time.perf_counter() - begin:.0f} s in all: {spent}")
     if arguments.plots is not None and panels:
         growth.draw(panels, arguments.plots / "growth.png")
     return int(failed)
 
 
-FAILED = "FAILED: "
-
-
-def run(names: Iterable[str], material: Material) -> Iterator[Row | Panel]:
-    """What the cases give, as soon as they do; what fails in one does not end the others."""
-    for name in names:
-        try:
-            yield from CASES[name](material)
-        except Exception as error:
-            message = " ".join(str(error).split()).replace("|", "/")
-            yield Row(name, f"{FAILED}{type(error).__name__}: {message}")
+def guarded(name: str, material: Material) -> Iterator[Row | Panel]:
+    """What a case gives, as soon as it does; what fails in it is a row and does not end the run."""
+    try:
+        yield from CASES[name](material)
+    except Exception as error:
+        message = " ".join(str(error).split()).replace("|", "/")
+        yield Row(name, f"{FAILED}{type(error).__name__}: {message}")
 
 
 def about(material: Material) -> str:
