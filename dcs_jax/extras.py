@@ -52,13 +52,16 @@ def recognise(
     """The sighting with the object's size there, and with how surely it is the object.
 
     window: in which the object was found, displacement: where, [2] down and right, cells. Where the
-    object is not recognised, behind something perhaps, it keeps its size.
+    object is not recognised well enough to be learned from, behind something perhaps, it keeps its
+    size.
     """
     factors = appearance.size_factors(config)
     patches = appearance.describe(window, displacement, factors, config.grid)
     alike = appearance.similarity(known.appearance, patches[config.sizes // 2], config)
     confidence = appearance.confidence(alike, config)
-    steps = confidence * correlation.size_steps(known.size, patches)
+    steps = jnp.where(
+        confidence > config.learn_above, correlation.size_steps(known.size, patches), 0
+    )
     return seen._replace(
         box=_resized(seen.box, config.size_step**steps, frame_shape), confidence=confidence
     )
@@ -108,7 +111,7 @@ def learn(
     alike = appearance.similarity(known.appearance, description, config)
     seen = seen._replace(confidence=appearance.confidence(alike, config))
     # To come back, a lost object has to be recognised well enough to be learned from.
-    least = jnp.where(is_lost(known, config), config.learn_above, config.lost_below)
+    least = jnp.where(is_lost(known, config), config.found_above, config.lost_below)
     recognised = seen.confidence > least
     missing = jnp.where(recognised, 0, known.missing + 1)
 
