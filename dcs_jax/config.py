@@ -65,6 +65,7 @@ class Config:
             -log(1 - Noisy-OR); 0: every place in the window is as likely (the paper's setting).
         place_weight: what the place filter's answer, about 1 where it is sure, adds on that scale.
         place_rate, size_rate: share of the present frame in the filters, in [0, 1].
+        anchor: share of the first frame's place filter in the answer, in [0, 1].
         recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
         recent_rate: share of the present frame in the recent appearance, in [0, 1].
         confidence_middle, confidence_slope: confidence is
@@ -72,10 +73,9 @@ class Config:
             and variants of them: of the boxes that overlap the object by more than half nine in ten
             have a similarity to its first appearance above 0.2, of the others one in ten has one
             above 0.4.
-        learn_above: the confidence above which a frame is learned from.
-        lost_below, patience: the object is lost after so many frames below this confidence, and no
-            longer once its confidence at its own place is above `learn_above`.
-        found_above: the confidence above which a lost object is found elsewhere in the frame.
+        learn_above: the confidence above which a frame is learned from, and the size followed.
+        lost_below, patience: the object is lost after so many frames below this confidence.
+        found_above: the confidence above which a lost object is found, wherever that is.
 
     Raises ValueError where a value is out of its range.
     """
@@ -104,12 +104,13 @@ class Config:
     place_weight: float | jax.Array = 15.0
     place_rate: float | jax.Array = 0.02
     size_rate: float | jax.Array = 0.025
+    anchor: float | jax.Array = 0.4
     recent_penalty: float | jax.Array = 0.1
     recent_rate: float | jax.Array = 0.05
     confidence_middle: float | jax.Array = 0.3
     confidence_slope: float | jax.Array = 10.0
-    learn_above: float | jax.Array = 0.4
-    lost_below: float | jax.Array = 0.3
+    learn_above: float | jax.Array = 0.7
+    lost_below: float | jax.Array = 0.5
     patience: int | jax.Array = 5
     found_above: float | jax.Array = 0.9
 
@@ -256,7 +257,15 @@ _NOT_NEGATIVE = (
     "recent_penalty",
     "confidence_slope",
 )
-_SHARES = ("place_rate", "size_rate", "recent_rate", "learn_above", "lost_below", "found_above")
+_SHARES = (
+    "place_rate",
+    "size_rate",
+    "anchor",
+    "recent_rate",
+    "learn_above",
+    "lost_below",
+    "found_above",
+)
 
 
 def _check_range(name: str, value: Any, expected: str, least: float, limit: float) -> None:

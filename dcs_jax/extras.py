@@ -17,6 +17,8 @@ from dcs_jax.core import appearance, correlation
 from dcs_jax.core.window import ColumnSums
 from dcs_jax.types import Appearance, Extras, Filter, Sighting, State
 
+# Windows looked at in a frame, beside that around the last place, for an object out of sight.
+_LOOKS = 2
 # The object is not followed to a size below this, pixels: there is nothing left to see.
 _LEAST_SIDE = 8.0
 
@@ -26,7 +28,8 @@ Find = Callable[[State, Float[Array, "4"], ColumnSums, Config], Sighting]
 def begin(window: Float[Array, "lines_y lines_x"], config: Config) -> Extras:
     """What is known after the first frame, from the window around the given box."""
     place, size, description = _learned(window, config)
-    return Extras(Appearance(description, description), place, size, jnp.zeros((), jnp.int32))
+    seen = Appearance(description, description)
+    return Extras(seen, place, place, size, jnp.zeros((), jnp.int32))
 
 
 def is_lost(known: Extras, config: Config) -> Bool[Array, ""]:
@@ -37,8 +40,12 @@ def is_lost(known: Extras, config: Config) -> Bool[Array, ""]:
 def witness(
     known: Extras, window: Float[Array, "lines_y lines_x"], config: Config
 ) -> Float[Array, "C_y C_x"]:
-    """What the place filter adds to the evidence at every place: [C_y, C_x]."""
-    return config.place_weight * correlation.place_answer(known.place, window, config.grid)
+    """What the place filter adds to the evidence at every place: [C_y, C_x].
+
+    The filter of the first frame has a share in it, against slow drift.
+    """
+    place = correlation.blend(known.place, known.anchor, config.anchor)
+    return config.place_weight * correlation.place_answer(place, window, config.grid)
 
 
 def recognise(
@@ -68,29 +75,31 @@ def recognise(
 
 
 def seek(find: Find, state: State, seen: Sighting, sums: ColumnSums, config: Config) -> Sighting:
-    """The object somewhere else, if it was lost and is recognised there.
+    """The object somewhere else, if it was last not recognised at its place and is recognised there.
 
-    In each frame one more window is looked at, of those that cover the frame.
+    In each frame a few more windows are looked at, of those that cover the frame.
     """
 
     # Under vmap the tracks take turns, so that those which hold their object do not search.
     @jax.custom_batching.sequential_vmap
     def elsewhere(
-        lost: Bool[Array, ""], state: State, seen: Sighting, sums: ColumnSums, config: Config
+        missed: Bool[Array, ""], state: State, seen: Sighting, sums: ColumnSums, config: Config
     ) -> Sighting:
-        def search() -> Sighting:
+        def look(turn: Int32[Array, ""], best: Sighting) -> Sighting:
             assert state.extras is not None
-            box = _tile(state.box, state.extras.missing, sums.shape, config)
-            other = find(state, box, sums, config)
-            better = other.confidence > jnp.maximum(seen.confidence, config.found_above)
-            return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, seen)
+            number = _LOOKS * state.extras.missing + turn
+            other = find(state, _tile(state.box, number, sums.shape, config), sums, config)
+            better = other.confidence > jnp.maximum(best.confidence, config.found_above)
+            return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
 
-        return jax.lax.cond(lost, search, lambda: seen)
+        def search() -> Sighting:
+            return jax.lax.fori_loop(jnp.int32(0), jnp.int32(_LOOKS), look, seen)
+
+        return jax.lax.cond(missed, search, lambda: seen)
 
     assert state.extras is not None
-    return elsewhere(
-        is_lost(state.extras, config), state, seen, sums, jax.tree.map(jnp.asarray, config)
-    )
+    missed = state.extras.missing > 0
+    return elsewhere(missed, state, seen, sums, jax.tree.map(jnp.asarray, config))
 
 
 def learn(
@@ -103,7 +112,8 @@ def learn(
     """The state after a frame: what was learned in it counts only if the object was recognised.
 
     learned: the last state with what the classifiers have learned. window: around the new box, in
-    which the object is recognised once more: its size is another now.
+    which the object is recognised once more: its size is another now. Where it is not, the search
+    goes on from where it was last.
     """
     known = last.extras
     assert known is not None
@@ -118,12 +128,14 @@ def learn(
     learned = learned._replace(
         extras=Extras(
             appearance.remember(known.appearance, description, config),
+            known.anchor,
             correlation.blend(known.place, place, config.place_rate),
             correlation.blend(known.size, size, config.size_rate),
             missing,
         )
     )
-    forgotten = last._replace(box=learned.box, extras=known._replace(missing=missing))
+    box = jnp.where(recognised, learned.box, last.box)
+    forgotten = last._replace(box=box, extras=known._replace(missing=missing))
     keep = seen.confidence > config.learn_above
 
     def choose(new: Any, old: Any) -> Any:

@@ -99,11 +99,13 @@ class Filter(NamedTuple):
 class Extras(NamedTuple):
     """What a track carries beyond the paper (`Config.extras`).
 
-    appearance: what the object looks like. place, size: the filters that find both.
+    appearance: what the object looks like. anchor: the place filter of the first frame, which never
+        changes. place, size: the filters that find both.
     missing: [] int32, for how many frames the object has not been recognised.
     """
 
     appearance: Appearance
+    anchor: Filter
     place: Filter
     size: Filter
     missing: Int32[Array, ""]

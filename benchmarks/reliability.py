@@ -1,0 +1,171 @@
+"""Does the confidence say how often a box is right, and does it tell when the target is lost?
+
+    python -m benchmarks.reliability ROOT --seeds 10
+
+ROOT is a folder of sequences as for `dcs-jax evaluate`. Over all labelled frames of all sequences
+and seeds, the given first one left out, a box is right where its IoU is above 0.5. A label with
+size for every frame, `groundtruth_every_frame.txt`, is taken where a sequence has one. Prints
+Markdown; --plot also draws the reliability diagram.
+"""
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.evaluation.datasets import find_sequences
+from dcs_jax.evaluation.metrics import overlap
+from dcs_jax.evaluation.runner import run_seeds
+from dcs_jax.evaluation.settings import parse_setting
+
+BINS = 10
+RIGHT = 0.5  # IoU above which a box is right
+EVERY_FRAME = "groundtruth_every_frame.txt"
+
+Numbers = NDArray[np.float64]
+
+
+class Bin(NamedTuple):
+    """Frames of like confidence: how many, their mean confidence, and the share that is right."""
+
+    frames: int
+    confidence: float
+    right: float
+
+
+def main() -> None:
+    """Track everything, and print how reliable the confidence is."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--setting", default="default", help="as for dcs-jax evaluate")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--sequences", help="names with commas between (default: all)")
+    parser.add_argument("--plot", type=Path, help="file for the diagram, PNG or SVG")
+    arguments = parser.parse_args()
+    keep_compiled_programs()
+    names = arguments.sequences.split(",") if arguments.sequences else None
+    confidences: list[Numbers] = []
+    rights: list[Numbers] = []
+    config = parse_setting(arguments.setting).config("")
+    print("| sequence | frames | right | mean confidence | ECE | AUC |\n|---|---|---|---|---|---|")
+    for entry in find_sequences(arguments.root, names):
+        sequence = entry.load()
+        truth = _every_frame(arguments.root / entry.name, sequence.truth)
+        runs = run_seeds(sequence.frames, sequence.truth[0], range(arguments.seeds), config)
+        overlaps = np.array([overlap(boxes, truth) for boxes in runs.boxes])[:, 1:]
+        labelled = ~np.isnan(overlaps)
+        confidences.append(runs.confidence[:, 1:][labelled].astype(np.float64))
+        rights.append((overlaps[labelled] > RIGHT).astype(np.float64))
+        print(_row(entry.name, confidences[-1], rights[-1]), flush=True)
+    confidence, right = np.concatenate(confidences), np.concatenate(rights)
+    print(_row("**all**", confidence, right))
+    print("\n| confidence | frames | mean confidence | right |\n|---|---|---|---|")
+    found = bins(confidence, right)
+    for number, one in enumerate(found):
+        span = f"{number / BINS:.1f} to {(number + 1) / BINS:.1f}"
+        print(f"| {span} | {one.frames} | {one.confidence:.3f} | {one.right:.3f} |")
+    similarity = np.log(np.clip(confidence, 1e-6, 1 - 1e-6) / np.clip(1 - confidence, 1e-6, 1))
+    similarity = similarity / float(config.confidence_slope) + float(config.confidence_middle)
+    for label, weights in (
+        ("every frame alike", np.ones(len(right))),
+        ("every sequence alike", np.concatenate([np.full(len(r), 1 / len(r)) for r in rights])),
+    ):
+        middle, slope = fit(similarity, right, weights)
+        proposed = 1 / (1 + np.exp(-slope * (similarity - middle)))
+        print(
+            f"\nProposed, {label}: confidence_middle={middle:.3f}, confidence_slope={slope:.2f} "
+            f"(ECE {calibration_error(proposed, right):.3f} on the same tracks)"
+        )
+    if arguments.plot:
+        draw(found, arguments.plot)
+
+
+def bins(confidence: Numbers, right: Numbers) -> list[Bin]:
+    """The frames in `BINS` spans of confidence of the same width; NaN where a span is empty."""
+    place = np.minimum((confidence * BINS).astype(int), BINS - 1)
+    found = []
+    for number in range(BINS):
+        here = place == number
+        means = (confidence[here].mean(), right[here].mean()) if here.any() else (np.nan, np.nan)
+        found.append(Bin(int(here.sum()), *map(float, means)))
+    return found
+
+
+def calibration_error(confidence: Numbers, right: Numbers) -> float:
+    """Expected calibration error: mean distance of confidence and share right, over the bins."""
+    found = [one for one in bins(confidence, right) if one.frames]
+    return sum(b.frames * abs(b.confidence - b.right) for b in found) / len(confidence)
+
+
+def failure_auc(confidence: Numbers, right: Numbers) -> float:
+    """Area under the ROC curve of low confidence for detecting failure: NaN without any.
+
+    The probability that a box that is right has more confidence than one that is not; equal
+    confidences count half.
+    """
+    of_right, of_wrong = np.sort(confidence[right > 0]), confidence[right == 0]
+    if not (len(of_right) and len(of_wrong)):
+        return float("nan")
+    below = np.searchsorted(of_right, of_wrong, "left") + np.searchsorted(
+        of_right, of_wrong, "right"
+    )
+    return float(1 - below.mean() / (2 * len(of_right)))
+
+
+def fit(similarity: Numbers, right: Numbers, weights: Numbers) -> tuple[float, float]:
+    """Middle and slope of the logistic function that makes the labels likeliest: Newton's method.
+
+    A ridge of 1e-6 keeps the slope finite where similarity separates right from wrong.
+    """
+    rows = np.stack([np.ones_like(similarity), similarity], 1)
+    weights = weights / weights.sum()
+    theta = np.zeros(2)
+    for _ in range(50):
+        p = 1 / (1 + np.exp(-rows @ theta))
+        gradient = rows.T @ (weights * (p - right)) + 1e-6 * theta
+        hessian = (rows * (weights * p * (1 - p))[:, None]).T @ rows + 1e-6 * np.eye(2)
+        theta = theta - np.linalg.solve(hessian, gradient)
+    return float(-theta[0] / theta[1]), float(theta[1])
+
+
+def draw(found: list[Bin], path: Path) -> None:
+    """The reliability diagram: share right over confidence, and how many frames."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4, 5), layout="constrained")
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1))
+    upper.plot([0, 1], [0, 1], color="grey", linewidth=1)
+    full = [one for one in found if one.frames]
+    upper.plot([one.confidence for one in full], [one.right for one in full], marker="o")
+    upper.set(ylabel=f"share with IoU > {RIGHT}", ylim=(0, 1))
+    middles = (np.arange(BINS) + 0.5) / BINS
+    lower.bar(middles, [one.frames for one in found], width=0.9 / BINS)
+    lower.set(xlabel="confidence", ylabel="frames", yscale="log", xlim=(0, 1))
+    figure.savefig(path)
+
+
+def _row(name: str, confidence: Numbers, right: Numbers) -> str:
+    numbers = (calibration_error(confidence, right), failure_auc(confidence, right))
+    return (
+        f"| {name} | {len(right)} | {right.mean():.3f} | {confidence.mean():.3f} | "
+        + " | ".join(f"{number:.3f}" for number in numbers)
+        + " |"
+    )
+
+
+def _every_frame(folder: Path, truth: Numbers) -> Numbers:
+    """The labels with size of every frame, where the sequence's folder has them."""
+    path = folder / EVERY_FRAME
+    if not path.exists():
+        return truth
+    labels = np.loadtxt(path, delimiter=",", dtype=np.float64, ndmin=2)
+    if len(labels) < len(truth):
+        raise ValueError(f"{path} labels {len(labels)} of {len(truth)} frames")
+    return labels[len(labels) - len(truth) :]  # a sequence begins at its first label
+
+
+if __name__ == "__main__":
+    main()
