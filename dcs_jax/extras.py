@@ -75,7 +75,7 @@ def recognise(
 
 
 def seek(find: Find, state: State, seen: Sighting, sums: ColumnSums, config: Config) -> Sighting:
-    """The object somewhere else, if it was last not recognised at its place and is recognised there.
+    """The object somewhere else, if it was missed in the last frame and is recognised there.
 
     In each frame a few more windows are looked at, of those that cover the frame.
     """
