@@ -12,10 +12,6 @@ from dcs_jax import Config
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import init, step
 
-# Stricter than the default about what is learned and what is lost: with 0.4 and 0.3 the recent
-# appearance drifts onto whatever hides the target.
-STRICT = Config(learn_above=0.8, lost_below=0.5)
-
 
 def clips(seeds, **options):
     return [render(seed=seed, **PLAIN, **options) for seed in seeds]
@@ -36,15 +32,10 @@ def test_without_scale_the_box_keeps_its_size():
     np.testing.assert_array_equal(track.boxes[..., 2:], given)
 
 
-AWAY = pytest.param(
-    "away", marks=pytest.mark.xfail(reason="comes back too late or not at all", strict=True)
-)
-
-
-@pytest.mark.parametrize("option", ["covered", AWAY])
+@pytest.mark.parametrize("option", ["covered", "away"])
 def test_lost_while_absent_and_found_again(option):
     hiding = clips(range(4), length=170, **{option: 40})
-    seen = absences(hiding, follow(hiding, STRICT))
+    seen = absences(hiding, follow(hiding, Config()))
     assert [one.lost_before for one in seen] == [0] * 4
     assert np.mean([one.lost for one in seen]) > 0.6
     soon = [one.after is not None and one.after <= WITHIN for one in seen]
@@ -64,9 +55,7 @@ def test_nothing_is_learned_while_lost():
     for _ in range(int(config.patience) + 3):
         state, info = follow_on(state, blank, config)
     assert info.lost
-    kept = state._replace(
-        box=before.box, extras=state.extras._replace(missing=before.extras.missing)
-    )
+    kept = state._replace(extras=state.extras._replace(missing=before.extras.missing))
     for now, then in zip(jax.tree.leaves(kept), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(now, then)
 
