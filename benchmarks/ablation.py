@@ -1,6 +1,6 @@
 """What each ingredient of a setting is worth: one change at a time, on the same seeds.
 
-    python -m benchmarks.ablation ROOT --base 'paper canvas=40' --seeds 10 --out ablation
+    python -m benchmarks.ablation ROOT --base 'default scale=False' --seeds 10 --out ablation
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. Results are kept in --out, so that the
 command can be stopped and given again. Prints Markdown; --page also writes the report.
@@ -24,6 +24,18 @@ INGREDIENTS = {
     "pool M": ["pool_size=50", "pool_size=100", "pool_size=200", "pool_size=400"],
     "weak classifier": ["weak=midpoint", "weak=gaussian"],
     "ties": ["tie=first", "tie=error"],
+}
+# Only of a setting with extras.
+BEYOND = {
+    "extras": ["extras=False"],
+    "window": ["window_factor=2.0", "window_factor=2.5", "window_factor=3.0"],
+    "motion prior": ["prior=0.0", "prior=0.6"],
+    "smoothing": ["smoothing=0.0", "smoothing=1.5"],
+    "place filter": ["place_weight=0.0", "place_weight=15.0"],
+    "share of the first frame's": ["anchor=0.0", "anchor=0.4"],
+    "learned from every frame": ["learn_above=0.0", "learn_above=0.7"],
+    "never missed": ["lost_below=0.0", "lost_below=0.5"],
+    "sizes": ["size_step=1.0001", "size_step=1.04"],
 }
 
 
@@ -62,10 +74,15 @@ def main() -> None:
         print(write_report(done.summary, arguments.out / "index.html"))
 
 
+def ingredients(base: str) -> dict[str, list[str]]:
+    """The choices there are for every ingredient of this setting."""
+    return INGREDIENTS | (BEYOND if parse_setting(base).config("").extras else {})
+
+
 def changes(base: str) -> list[str]:
     """The changes that are no field of the base as it is."""
     config = parse_setting(base).config("")
-    named = (change for group in INGREDIENTS.values() for change in group)
+    named = (change for group in ingredients(base).values() for change in group)
     return [c for c in named if str(getattr(config, c.split("=")[0])) != c.split("=")[1]]
 
 
@@ -81,7 +98,7 @@ def table(summary: Summary, base: str) -> str:
         "| difference, success | p |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for ingredient, choices in INGREDIENTS.items():
+    for ingredient, choices in ingredients(base).items():
         for choice in choices:
             setting = f"{base} {choice}"
             is_base = setting not in summary.overall
