@@ -66,6 +66,9 @@ class Config:
         place_weight: what the place filter's answer, about 1 where it is sure, adds on that scale.
         place_rate, size_rate: share of the present frame in the filters, in [0, 1].
         anchor: share of the first frame's place filter in the answer, in [0, 1].
+        size_pull: how strongly the size is drawn to that of the given box: the share of the
+            distance, of logarithms, that is taken back in a frame in which the object is not alike
+            at all; in [0, 1].
         recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
         recent_rate: share of the present frame in the recent appearance, in [0, 1].
         confidence_middle, confidence_slope: confidence is
@@ -105,6 +108,7 @@ class Config:
     place_rate: float | jax.Array = 0.02
     size_rate: float | jax.Array = 0.025
     anchor: float | jax.Array = 0.4
+    size_pull: float | jax.Array = 0.04
     recent_penalty: float | jax.Array = 0.1
     recent_rate: float | jax.Array = 0.05
     confidence_middle: float | jax.Array = 0.3

@@ -51,6 +51,7 @@ def witness(
 def recognise(
     known: Extras,
     seen: Sighting,
+    given: Float[Array, "2"],
     window: Float[Array, "lines_y lines_x"],
     displacement: Float[Array, "2"],
     frame_shape: tuple[int, ...],
@@ -58,17 +59,18 @@ def recognise(
 ) -> Sighting:
     """The sighting with the object's size there, and with how surely it is the object.
 
-    window: in which the object was found, displacement: where, [2] down and right, cells. Where the
-    object is not recognised well enough to be learned from, behind something perhaps, it keeps its
-    size.
+    given: [2], w and h of the box that was given, pixels. window: in which the object was found,
+    displacement: where, [2] down and right, cells. Where the object is not recognised well enough
+    to be learned from, behind something perhaps, it keeps its size. The less it is alike, the more
+    its size is drawn to the given one: small errors would add up.
     """
     factors = appearance.size_factors(config)
     patches = appearance.describe(window, displacement, factors, config.grid)
     alike = appearance.similarity(known.appearance, patches[config.sizes // 2], config)
     confidence = appearance.confidence(alike, config)
-    steps = jnp.where(
-        confidence > config.learn_above, correlation.size_steps(known.size, patches), 0
-    )
+    grown = 0.5 * jnp.log(seen.box[2:] / given).sum() / jnp.log(config.size_step)
+    steps = correlation.size_steps(known.size, patches) - config.size_pull * (1 - alike) * grown
+    steps = jnp.where(confidence > config.learn_above, steps, 0)
     return seen._replace(
         box=_resized(seen.box, config.size_step**steps, frame_shape), confidence=confidence
     )

@@ -114,7 +114,9 @@ def _sight(
     row, column = jnp.round(displacement).astype(jnp.int32) + middle
     seen = Sighting(_move(box, displacement, frame_shape, grid), *votes.at(row, column))
     if state.extras is not None:
-        seen = extras.recognise(state.extras, seen, window, displacement, frame_shape, config)
+        seen = extras.recognise(
+            state.extras, seen, state.given, window, displacement, frame_shape, config
+        )
     return seen
 
 
