@@ -3,6 +3,8 @@
 A few scenes of each kind; `python -m benchmarks.behaviour` runs ten.
 """
 
+import operator
+
 import jax
 import numpy as np
 import pytest
@@ -12,34 +14,49 @@ from dcs_jax import Config
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import init, step
 
+KINDS = {
+    "grows": {"zoom": (0.5, 2.0), "speed": 3},
+    "shrinks": {"zoom": (2.0, 0.5), "speed": 3},
+    "covered": {"covered": 40},
+    "away": {"away": 40},
+    "slow": {"speed": 0.7, "noise": 0.0},
+}
+SEEDS = range(4)
 
-def clips(seeds, **options):
-    return [render(seed=seed, **PLAIN, **options) for seed in seeds]
+
+@pytest.fixture(scope="module")
+def followed():
+    """Clips of every kind and their tracks, in one call."""
+    made = {
+        kind: [render(170, (150, 200), (40, 32), seed=seed, **(PLAIN | options)) for seed in SEEDS]
+        for kind, options in KINDS.items()
+    }
+    tracks = follow([clip for clips in made.values() for clip in clips], Config())
+    parts = [slice(len(SEEDS) * n, len(SEEDS) * (n + 1)) for n in range(len(KINDS))]
+    return {
+        kind: (clips, jax.tree.map(operator.itemgetter(part), tracks))
+        for part, (kind, clips) in zip(parts, made.items(), strict=True)
+    }
 
 
-@pytest.mark.parametrize("zoom", [(0.5, 2.0), (2.0, 0.5)])
-def test_the_box_follows_the_size(zoom):
-    zooming = clips(range(2), length=200, size=(150, 200), target=(40, 32), speed=3, zoom=zoom)
-    track = follow(zooming, Config())
-    assert overlaps(zooming, track).min() > 0.7
+@pytest.mark.parametrize("kind", ["grows", "shrinks"])
+def test_the_box_follows_the_size(followed, kind):
+    clips, track = followed[kind]
+    assert overlaps(clips, track).min() > 0.7
     assert not track.lost.any()
 
 
-def test_without_scale_the_box_keeps_its_size():
-    zooming = clips([0], length=30, size=(150, 200), target=(40, 32), zoom=(1.0, 1.5))
-    track = follow(zooming, Config(scale=False))
-    given = np.broadcast_to(zooming[0].boxes[0, 2:], (1, 30, 2))
-    np.testing.assert_array_equal(track.boxes[..., 2:], given)
-
-
-@pytest.mark.parametrize("option", ["covered", "away"])
-def test_lost_while_absent_and_found_again(option):
-    hiding = clips(range(4), length=170, **{option: 40})
-    seen = absences(hiding, follow(hiding, Config()))
-    assert [one.lost_before for one in seen] == [0] * 4
+@pytest.mark.parametrize("kind", ["covered", "away"])
+def test_lost_while_absent_and_found_again(followed, kind):
+    seen = absences(*followed[kind])
+    assert [one.lost_before for one in seen] == [0] * len(SEEDS)
     assert np.mean([one.lost for one in seen]) > 0.6
     soon = [one.after is not None and one.after <= WITHIN for one in seen]
     assert sum(soon) >= 3
+
+
+def test_parts_of_a_pixel(followed):
+    assert centre_errors(*followed["slow"]).mean() < 0.3
 
 
 def test_nothing_is_learned_while_lost():
@@ -58,8 +75,3 @@ def test_nothing_is_learned_while_lost():
     kept = state._replace(extras=state.extras._replace(missing=before.extras.missing))
     for now, then in zip(jax.tree.leaves(kept), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(now, then)
-
-
-def test_parts_of_a_pixel():
-    moving = clips(range(10), length=60, size=(150, 200), speed=0.7, noise=0.0)
-    assert centre_errors(moving, follow(moving, Config())).mean() < 0.3
