@@ -127,7 +127,7 @@ def _recognise(frame: jax.Array, state: State, made: Made, config: Config) -> Si
     assert state.extras is not None
     seen, displacement = made["peak"]
     window, shape = made["window, search"], made["column sums"].shape
-    return extras.recognise(state.extras, seen, window, displacement, shape, config)
+    return extras.recognise(state.extras, seen, state.given, window, displacement, shape, config)
 
 
 def _elsewhere(frame: jax.Array, state: State, made: Made, config: Config) -> Sighting:

@@ -14,6 +14,7 @@ from jaxtyping import install_import_hook
 # users: both have checks of their own.
 install_import_hook(["dcs_jax.core", "dcs_jax.extras", "dcs_jax.tracker"], "beartype.beartype")
 
+import jax
 import pytest
 from hypothesis import settings
 
@@ -39,3 +40,10 @@ def traces(monkeypatch):
     for name in counts:
         monkeypatch.setattr(tracker, name, counted(name, getattr(tracker, name)))
     return counts
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_programs_are_let_go():
+    """A process may map only so much: with the programs of all modules kept, XLA crashes."""
+    yield
+    jax.clear_caches()
