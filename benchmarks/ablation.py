@@ -32,7 +32,7 @@ BEYOND = {
     "motion prior": ["prior=0.0", "prior=0.6"],
     "smoothing": ["smoothing=0.0", "smoothing=1.5"],
     "place filter": ["place_weight=0.0", "place_weight=15.0"],
-    "share of the first frame's": ["anchor=0.0", "anchor=0.4"],
+    "first frame's place filter": ["anchor=0.0", "anchor=0.4"],
     "pull to the given size": ["size_pull=0.0", "size_pull=0.04"],
     "learned from every frame": ["learn_above=0.0", "learn_above=0.7"],
     "never missed": ["lost_below=0.0", "lost_below=0.5"],

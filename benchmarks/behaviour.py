@@ -77,9 +77,7 @@ def absences(clips: Sequence[Clip], track: Track) -> list[Absence]:
         good = np.flatnonzero((iou > 0.5) & ~lost & (np.arange(len(iou)) > gone[-1]))
         after = int(good[0] - hidden[-1]) if len(good) else None
         rows = noise[1 : hidden[0], 0].mean(), noise[gone, 0].mean()
-        found.append(
-            Absence(int(lost[: hidden[0]].sum()), lost[gone].mean(), after, (rows[0], rows[1]))
-        )
+        found.append(Absence(int(lost[: hidden[0]].sum()), lost[gone].mean(), after, rows))
     return found
 
 

@@ -20,6 +20,7 @@ from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.evaluation.runner import run_seeds
 from dcs_jax.evaluation.settings import parse_setting
+from dcs_jax.io.annotations import read_boxes
 
 BINS = 10
 RIGHT = 0.5  # IoU above which a box is right
@@ -161,7 +162,7 @@ def _every_frame(folder: Path, truth: Numbers) -> Numbers:
     path = folder / EVERY_FRAME
     if not path.exists():
         return truth
-    labels = np.loadtxt(path, delimiter=",", dtype=np.float64, ndmin=2)
+    labels = read_boxes(path)
     if len(labels) < len(truth):
         raise ValueError(f"{path} labels {len(labels)} of {len(truth)} frames")
     return labels[len(labels) - len(truth) :]  # a sequence begins at its first label

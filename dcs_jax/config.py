@@ -78,7 +78,8 @@ class Config:
             above 0.4.
         learn_above: the confidence above which a frame is learned from, and the size followed.
         lost_below, patience: the object is lost after so many frames below this confidence.
-        found_above: the confidence above which a lost object is found, wherever that is.
+        found_above: the confidence above which a lost object is found at its own place, and one
+            that was missed in the last frame elsewhere.
 
     Raises ValueError where a value is out of its range.
     """
@@ -265,6 +266,7 @@ _SHARES = (
     "place_rate",
     "size_rate",
     "anchor",
+    "size_pull",
     "recent_rate",
     "learn_above",
     "lost_below",

@@ -64,8 +64,7 @@ def recognise(
     to be learned from, behind something perhaps, it keeps its size. The less it is alike, the more
     its size is drawn to the given one: small errors would add up.
     """
-    factors = appearance.size_factors(config)
-    patches = appearance.describe(window, displacement, factors, config.grid)
+    patches = appearance.describe(window, displacement, config)
     alike = appearance.similarity(known.appearance, patches[config.sizes // 2], config)
     confidence = appearance.confidence(alike, config)
     grown = 0.5 * jnp.log(seen.box[2:] / given).sum() / jnp.log(config.size_step)
@@ -122,7 +121,7 @@ def learn(
     place, size, description = _learned(window, config)
     alike = appearance.similarity(known.appearance, description, config)
     seen = seen._replace(confidence=appearance.confidence(alike, config))
-    # To come back, a lost object has to be recognised well enough to be learned from.
+    # To come back, a lost object has to be recognised as surely at its own place as elsewhere.
     least = jnp.where(is_lost(known, config), config.found_above, config.lost_below)
     recognised = seen.confidence > least
     missing = jnp.where(recognised, 0, known.missing + 1)
@@ -151,8 +150,7 @@ def _learned(
     window: Float[Array, "lines_y lines_x"], config: Config
 ) -> tuple[Filter, Filter, Float[Array, " D"]]:
     """Filters for place and size, and the description, of the object in the window's middle."""
-    nowhere, factors = jnp.zeros(2, jnp.float32), appearance.size_factors(config)
-    patches = appearance.describe(window, nowhere, factors, config.grid)
+    patches = appearance.describe(window, jnp.zeros(2, jnp.float32), config)
     place = correlation.learn_place(window, config.grid)
     return place, correlation.learn_size(patches), patches[config.sizes // 2]
 

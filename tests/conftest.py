@@ -44,6 +44,6 @@ def traces(monkeypatch):
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled_programs_are_let_go():
-    """A process may map only so much: with the programs of all modules kept, XLA crashes."""
+    """With those of all modules kept, XLA has crashed as it wrote one more to its cache."""
     yield
     jax.clear_caches()

@@ -18,14 +18,7 @@ CONFIG = Config(canvas=(24, 20), sizes=5)
 
 def described(cells: np.ndarray, displacement=(0.0, 0.0)) -> np.ndarray:
     integral = jnp.asarray(reference.integral(cells), jnp.float32)
-    return np.asarray(
-        appearance.describe(
-            integral,
-            jnp.asarray(displacement, jnp.float32),
-            appearance.size_factors(CONFIG),
-            CONFIG.grid,
-        )
-    )
+    return np.asarray(appearance.describe(integral, jnp.asarray(displacement, jnp.float32), CONFIG))
 
 
 def window(seed: int) -> np.ndarray:

@@ -31,6 +31,8 @@ from dcs_jax import Config
         ({"extras": 1}, "extras must be True or False, but is 1"),
         ({"sizes": 16}, "sizes must be odd, so that the last size is in the middle, but is 16"),
         ({"patience": 0}, "patience must be at least 1, but is 0"),
+        ({"size_pull": 1.5}, r"size_pull must be from 0 to 1, but is 1\.5"),
+        ({"anchor": -0.1}, r"anchor must be from 0 to 1, but is -0\.1"),
         ({"size_step": 1.0}, r"size_step must be above 1 and below 2, but is 1\.0"),
         ({"learn_above": 1.5}, r"learn_above must be from 0 to 1, but is 1\.5"),
         ({"lam": "much"}, "lam must be a number or an array of numbers, but is 'much'"),

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from dcs_jax.config import Config
 from dcs_jax.core import correlation
-from dcs_jax.core.appearance import describe, size_factors
+from dcs_jax.core.appearance import describe
 
 CONFIG = Config(canvas=(24, 20))
 GRID = CONFIG.grid
@@ -33,7 +33,7 @@ def integral(cells: np.ndarray) -> jax.Array:
 
 
 def describe_all(cells: np.ndarray) -> jax.Array:
-    return describe(integral(cells), HERE, size_factors(CONFIG), GRID)
+    return describe(integral(cells), HERE, CONFIG)
 
 
 # Sums of an integral image in float32 are exact to some 1e-3 grey values, and a weak frequency

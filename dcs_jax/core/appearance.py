@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from dcs_jax.config import Config, Grid
+from dcs_jax.config import Config
 from dcs_jax.core.gradients import gradient_cells
 from dcs_jax.types import Appearance
 
@@ -19,23 +19,16 @@ PLACES, _CELL = 32, 4
 _ROUNDING = 1e-6
 
 
-def size_factors(config: Config) -> np.ndarray:
-    """The sizes that are looked at, in units of the last one: [S], the middle one is 1."""
-    return config.size_step ** (np.arange(config.sizes) - config.sizes // 2.0)
-
-
 def describe(
-    integral: Float[Array, "lines_y lines_x"],
-    displacement: Float[Array, "2"],
-    factors: np.ndarray,
-    grid: Grid,
+    integral: Float[Array, "lines_y lines_x"], displacement: Float[Array, "2"], config: Config
 ) -> Float[Array, "S D"]:
-    """Descriptions of the object's patch at a place, in S sizes: [S, D].
+    """Descriptions of the object's patch at a place, in S sizes, the middle one its own: [S, D].
 
     integral: [G_y + 1, G_x + 1], of a window. displacement: [2] down and right from the middle of
-    the window, cells. factors: [S], in units of the object's size. The patch is resampled from the
-    window's integral image by exact area means.
+    the window, cells. The patch is resampled from the window's integral image by exact area means.
     """
+    grid = config.grid
+    factors = config.size_step ** (np.arange(config.sizes) - config.sizes // 2.0)
     sides = np.array([grid.rows, grid.columns])
     lines = np.array(integral.shape)
     # Only these lines of the integral image can be needed.
