@@ -10,9 +10,9 @@ import jax
 import numpy as np
 
 from dcs_jax.config import Config
-from dcs_jax.core.appearance import PLACES as PATCH
-from dcs_jax.core.gradients import DIRECTIONS
 from dcs_jax.core.samples import LABELS
+from dcs_jax.extensions.appearance import PLACES as PATCH
+from dcs_jax.extensions.gradients import DIRECTIONS
 
 Counts = tuple[float, float]  # additions (a multiplication with it is free), bytes moved
 

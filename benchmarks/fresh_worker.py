@@ -21,7 +21,7 @@ import dcs_jax
 from benchmarks.compare import around
 from dcs_jax.config import Config
 from dcs_jax.evaluation.settings import parse_setting
-from dcs_jax.slots import CHUNK_FRAMES
+from dcs_jax.runners.slots import CHUNK_FRAMES
 from dcs_jax.synthetic import Clip, render
 
 PROCESS = Path("/proc/self")

@@ -18,7 +18,7 @@ from benchmarks.material import Material, Panel, Row
 from benchmarks.timing import clocked, spread, take_turns
 from dcs_jax.config import Config
 from dcs_jax.core.window import ColumnSums, column_sums
-from dcs_jax.sequence import start_track, track_chunk
+from dcs_jax.runners.sequence import start_track, track_chunk
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import step
 from dcs_jax.types import State

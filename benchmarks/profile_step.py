@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from benchmarks import counts
 from benchmarks.against_opencv import load
 from benchmarks.timing import clocked, take_turns
-from dcs_jax import extras, tracker
+from dcs_jax import tracker
 from dcs_jax.config import Config
 from dcs_jax.core.haar import responses
 from dcs_jax.core.samples import training_patches
@@ -35,7 +35,8 @@ from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, update_weak
 from dcs_jax.core.window import column_sums, window_integral
 from dcs_jax.evaluation.settings import parse_setting
-from dcs_jax.sequence import start_track, track_chunk
+from dcs_jax.extensions import extras
+from dcs_jax.runners.sequence import start_track, track_chunk
 from dcs_jax.types import Sighting, State
 
 CALLS = 20  # between two looks at the clock

@@ -1,10 +1,10 @@
 """Follow any box through a video: online boosting with l1-selected classifiers, in JAX."""
 
-from dcs_jax.batch import track_batch
 from dcs_jax.config import Config
-from dcs_jax.select import Selection, select_classifiers
-from dcs_jax.sequence import track_chunk, track_sequence
-from dcs_jax.stream import Chunk, Stream, track_stream
+from dcs_jax.runners.batch import track_batch
+from dcs_jax.runners.sequence import track_chunk, track_sequence
+from dcs_jax.runners.stream import Chunk, Stream, track_stream
+from dcs_jax.solvers.select import Selection, select_classifiers
 from dcs_jax.tracker import init, score, step
 from dcs_jax.types import State, StepInfo, Track
 

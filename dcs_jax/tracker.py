@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from dcs_jax import extras
 from dcs_jax.checks import check_box, check_frame
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import draw_pool, responses
@@ -18,6 +17,7 @@ from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import ColumnSums, column_sums, window_integral
+from dcs_jax.extensions import extras
 from dcs_jax.types import BoxLike, ImageLike, Pool, Sighting, State, StepInfo, Strong, Weak
 
 

@@ -10,9 +10,11 @@ os.environ.setdefault("JAX_NUMPY_DTYPE_PROMOTION", "strict")
 
 from jaxtyping import install_import_hook
 
-# Not config, which JAX rebuilds around placeholders of any type, nor sequence, whose callers are
-# users: both have checks of their own.
-install_import_hook(["dcs_jax.core", "dcs_jax.extras", "dcs_jax.tracker"], "beartype.beartype")
+# Not config, which JAX rebuilds around placeholders of any type, nor what users call, which has
+# checks of its own: runners and solvers.select.
+_SOLVERS = ("apg", "certificate", "interior", "iterate", "jaxopt", "projected_gradient", "ties")
+_CHECKED = ("core", "extensions", "tracker", *(f"solvers.{solver}" for solver in _SOLVERS))
+install_import_hook([f"dcs_jax.{module}" for module in _CHECKED], "beartype.beartype")
 
 import jax
 import pytest

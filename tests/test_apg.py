@@ -8,17 +8,18 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dcs_jax.core import apg
+from dcs_jax.solvers import apg
+from dcs_jax.solvers.problem import Problem, objective
 
 lambdas = st.sampled_from([0.01, 0.1, 1.0, 5.0])
 
 
-def random_problem(seed: int, rows: int, columns: int, lam: float) -> apg.Problem:
+def random_problem(seed: int, rows: int, columns: int, lam: float) -> Problem:
     """Votes that agree with the labels two times in three, every row and column once."""
     generator = np.random.default_rng(seed)
     labels = generator.choice([-1.0, 1.0], rows)
     votes = labels[:, None] * generator.choice([-1.0, 1.0], (rows, columns), p=[1 / 3, 2 / 3])
-    return apg.Problem(
+    return Problem(
         jnp.asarray(votes, jnp.float32),
         jnp.ones(columns),
         jnp.asarray(labels, jnp.float32),
@@ -39,7 +40,7 @@ def test_objective_reaches_that_of_an_exact_solver(seed, lam):
     solution = solve(problem, 3000)
     reached = reference.objective(phi, labels, lam, *(np.asarray(x, float) for x in solution))
     assert best - 1e-6 <= reached <= best * (1 + 1e-4)
-    assert apg.objective(problem, solution) == pytest.approx(reached, rel=1e-4)
+    assert objective(problem, solution) == pytest.approx(reached, rel=1e-4)
 
 
 @given(seed=st.integers(0, 2**31), lam=lambdas)
@@ -52,7 +53,7 @@ def test_at_the_optimum_the_objective_is_the_huber_form(seed, lam):
         lam,
         np.asarray(solution.beta, float),
     )
-    assert apg.objective(problem, solution) == pytest.approx(huber, rel=1e-4)
+    assert objective(problem, solution) == pytest.approx(huber, rel=1e-4)
 
 
 @given(seed=st.integers(0, 2**31), lam=lambdas, iterations=st.sampled_from([1, 10, 30]))
@@ -74,7 +75,7 @@ def test_equal_rows_and_columns_may_be_given_once_with_their_number(seed, lam, i
     )
     votes = np.repeat(np.repeat(distinct.votes, row_counts, axis=0), column_counts, axis=1)
     labels = np.repeat(distinct.labels, row_counts)
-    written_out = apg.Problem(
+    written_out = Problem(
         jnp.asarray(votes), jnp.ones(12), jnp.asarray(labels), jnp.ones(8), distinct.lam
     )
     short, long = solve(counted, iterations), solve(written_out, iterations)
@@ -84,7 +85,7 @@ def test_equal_rows_and_columns_may_be_given_once_with_their_number(seed, lam, i
     )
     np.testing.assert_allclose(np.repeat(short.noise, row_counts), long.noise, atol=1e-5)
     np.testing.assert_allclose(
-        apg.objective(counted, short), apg.objective(written_out, long), rtol=1e-5, atol=1e-5
+        objective(counted, short), objective(written_out, long), rtol=1e-5, atol=1e-5
     )
 
 

@@ -10,7 +10,7 @@ from reference import gradients as expected
 from scipy import ndimage
 
 from dcs_jax.config import Config
-from dcs_jax.core import appearance
+from dcs_jax.extensions import appearance
 from dcs_jax.types import Appearance
 
 CONFIG = Config(canvas=(24, 20), sizes=5)

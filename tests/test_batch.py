@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import dcs_jax
-from dcs_jax import Config, slots, tracker
-from dcs_jax.slots import Slots
+from dcs_jax import Config, tracker
+from dcs_jax.runners import slots
+from dcs_jax.runners.slots import Slots
 from dcs_jax.synthetic import render
 
 SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)

@@ -11,8 +11,8 @@ from reference import correlation as expected
 from scipy import ndimage
 
 from dcs_jax.config import Config
-from dcs_jax.core import correlation
-from dcs_jax.core.appearance import describe
+from dcs_jax.extensions import correlation
+from dcs_jax.extensions.appearance import describe
 
 CONFIG = Config(canvas=(24, 20))
 GRID = CONFIG.grid

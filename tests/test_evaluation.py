@@ -11,10 +11,10 @@ from data_sets import SMALL, write_otb, write_rows
 import dcs_jax
 from dcs_jax.evaluation import Watch, evaluate, experiment, peers
 from dcs_jax.evaluation.metrics import scores
+from dcs_jax.evaluation.report.tables import write_summary
 from dcs_jax.evaluation.results import Results, read_published
 from dcs_jax.evaluation.settings import parse_setting
 from dcs_jax.evaluation.summary import summarise
-from dcs_jax.evaluation.tables import write_summary
 from dcs_jax.synthetic import render
 
 LENGTH = 41

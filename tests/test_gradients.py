@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference.gradients import gradient_cells as expected_cells
 
-from dcs_jax.core.gradients import gradient_cells
+from dcs_jax.extensions.gradients import gradient_cells
 
 cells_of = jax.jit(gradient_cells, static_argnums=(1, 2))
 

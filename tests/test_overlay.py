@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dcs_jax.io.film_strip import Span, film_strip, write_image
+from dcs_jax.cli.film_strip import Span, film_strip, write_image
 from dcs_jax.io.frames import open_source
 from dcs_jax.io.overlay import TRACKED, TRUTH, VideoWriter, draw_box, draw_track
 from dcs_jax.synthetic import render

@@ -10,9 +10,9 @@ from data_sets import write_otb
 
 from dcs_jax import Config
 from dcs_jax.evaluation import evaluate
-from dcs_jax.evaluation.plots import colours
 from dcs_jax.evaluation.report import write_report
-from dcs_jax.evaluation.strips import COUNT, film_strip
+from dcs_jax.evaluation.report.plots import colours
+from dcs_jax.evaluation.report.strips import COUNT, film_strip
 from dcs_jax.synthetic import render
 
 SMALL = {"canvas": 20, "selectors": 6, "pool_size": 12}

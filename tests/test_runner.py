@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import dcs_jax
-from dcs_jax import Config, slots
+from dcs_jax import Config
 from dcs_jax.evaluation.runner import run_seeds
+from dcs_jax.runners import slots
 from dcs_jax.synthetic import render
 
 SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)

@@ -12,7 +12,8 @@ import pytest
 import reference
 
 import dcs_jax
-from dcs_jax import Selection, select, select_classifiers
+from dcs_jax import Selection, select_classifiers
+from dcs_jax.solvers import select
 
 PROBLEMS, ROWS, COLUMNS = 1000, 8, 20
 

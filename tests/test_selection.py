@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcs_jax.config import Config
-from dcs_jax.core.selection import first_maximum, select
+from dcs_jax.core.selection import select
+from dcs_jax.solvers.ties import first_maximum
 
 PARTS, SELECTORS, POOL_SIZE = 2, 6, 30
 ROWS = [0, 0, 0, 0, 1, 2, 3, 4]  # the L = 8 training rows in the R = 5 patches

@@ -26,7 +26,7 @@ if processes > 1:
 import jax.numpy as jnp
 import numpy as np
 import dcs_jax
-from dcs_jax import shares
+from dcs_jax.runners import sharding as shares
 from tests.test_sharding import BOXES, SMALL, clip_frames
 
 mesh = jax.make_mesh((devices * processes,), ("batch",))

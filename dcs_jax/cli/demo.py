@@ -13,9 +13,9 @@ from rich.table import Table
 
 import dcs_jax
 from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.cli.film_strip import Span, film_strip, write_image
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap, success_rate
 from dcs_jax.io.annotations import BoxWriter
-from dcs_jax.io.film_strip import Span, film_strip, write_image
 from dcs_jax.io.overlay import VideoWriter, draw_track
 from dcs_jax.synthetic import Clip, render
 

@@ -8,10 +8,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from dcs_jax.evaluation.report.tables import write_summary
 from dcs_jax.evaluation.results import Results
 from dcs_jax.evaluation.statistics import Spread
 from dcs_jax.evaluation.summary import Summary, summarise
-from dcs_jax.evaluation.tables import write_summary
 
 PAGE = "index.html"
 NEEDS = ("jinja2", "matplotlib")

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
-from dcs_jax.core.correlation import parabola_peak
 from dcs_jax.core.haar import CORNERS_OF_BOXES
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
+from dcs_jax.extensions.correlation import parabola_peak
 from dcs_jax.types import Pool, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.

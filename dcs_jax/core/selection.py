@@ -3,15 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config
-from dcs_jax.core import apg
 from dcs_jax.core.samples import LABELS, WEIGHTS
 from dcs_jax.core.weak import agreement_with_labels
-
-# Equal columns get equal coefficients up to rounding: maxima within this fraction are a tie.
-TIE_TOLERANCE = 1e-3
+from dcs_jax.solvers import apg
+from dcs_jax.solvers.problem import Problem
+from dcs_jax.solvers.ties import first_maximum, first_true, is_maximum
 
 
 def select(
@@ -54,7 +53,7 @@ def _l1(
     problems = codes.shape[1]
     counts = jnp.zeros((2**rows, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
 
-    problem = apg.Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
+    problem = Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
     solution = apg.solve(problem, config.iterations)
     beta = jnp.where(counts > 0, solution.beta, 0)  # [2^R, K * N]
     # Where the penalty leaves no classifier, the best correlated one stands in.
@@ -66,30 +65,7 @@ def _l1(
     chosen = ((best >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
     if config.tie == "error":
         return first_maximum(jnp.where(chosen, -error, -jnp.inf)), solution.noise.mean(1)
-    return _first(chosen), solution.noise.mean(1)
-
-
-def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
-    """Index of the first maximum along the first axis, up to a relative tolerance: [...] int32.
-
-    The order decides which of several equal classifiers is taken, and the tracker lives on it: the
-    first index among those without an error on this frame tracks, the least accumulated error
-    among them loses the target.
-    """
-    return _first(is_maximum(scores))
-
-
-def is_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
-    """Which scores are maxima along the first axis, up to a relative tolerance: [M, ...]."""
-    best = scores.max(0)
-    return scores >= best - TIE_TOLERANCE * jnp.abs(best)
-
-
-def _first(chosen: Bool[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
-    """Index of the first True along the first axis: [...] int32."""
-    # On the CPU a minimum along contiguous memory is vectorised, an argmax is not.
-    index = jnp.arange(len(chosen), dtype=jnp.int32).reshape(-1, *(1,) * (chosen.ndim - 1))
-    return jnp.where(chosen, index, len(chosen)).min(0)
+    return first_true(chosen), solution.noise.mean(1)
 
 
 def _most_likely_bag(votes: Float[Array, "R M N"]) -> Int32[Array, " N"]:

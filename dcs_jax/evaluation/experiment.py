@@ -17,11 +17,11 @@ from dcs_jax.evaluation.datasets import Entry, Sequence, find_sequences
 from dcs_jax.evaluation.peers import run_peer, select_peers
 from dcs_jax.evaluation.protocol import PROTOCOLS, Protocol, Start, starts
 from dcs_jax.evaluation.provenance import code_version, digest, environment, peer_version
+from dcs_jax.evaluation.report.tables import write_summary
 from dcs_jax.evaluation.results import Record, Results, Skipped, read_published
 from dcs_jax.evaluation.runner import Runs, run_seeds
 from dcs_jax.evaluation.settings import Setting, parse_setting
 from dcs_jax.evaluation.summary import Summary, summarise
-from dcs_jax.evaluation.tables import write_summary
 
 PEER_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
 IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every setting

@@ -16,7 +16,11 @@ import dcs_jax
 
 # The sources that decide the boxes: the tracker, how frames are read, how seeds are run. The
 # command line and the report may change without making results stale.
-SOURCES = ("*.py", "core/*.py", "io/frames.py", "evaluation/runner.py")
+SOURCES = (
+    *(f"{room}*.py" for room in ("", "core/", "extensions/", "runners/", "solvers/")),
+    "io/frames.py",
+    "evaluation/runner.py",
+)
 PEER_SOURCES = ("io/frames.py", "evaluation/peers.py")
 
 

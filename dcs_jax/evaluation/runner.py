@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax.config import Config
-from dcs_jax.stream import track_stream
+from dcs_jax.runners.stream import track_stream
 
 
 class Runs(NamedTuple):

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dcs_jax.io.canvas import BOLD, Colour, put_text, text_width
+from dcs_jax.io.drawing import BOLD, Colour, put_text, text_width
 
 TRACKED: Colour = (64, 224, 255)
 TRUTH: Colour = (255, 255, 255)

@@ -9,7 +9,7 @@ import jax
 
 from dcs_jax.jobs.engines import Advance, Engine, Failed, Work, reason_of
 from dcs_jax.jobs.manifest import Video
-from dcs_jax.shares import cores
+from dcs_jax.runners.sharding import cores
 
 # What a worker takes over from this process: where compiled programs are kept.
 SETTINGS = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")

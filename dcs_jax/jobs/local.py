@@ -7,7 +7,7 @@ from typing import Any
 
 from dcs_jax.jobs.engines import Advance, Engine, Failed, Work, reason_of
 from dcs_jax.jobs.manifest import Video
-from dcs_jax.shares import cores
+from dcs_jax.runners.sharding import cores
 
 
 class LocalEngine(Engine):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dcs_jax.config import Config
 from dcs_jax.io.frames import Frame
-from dcs_jax.stream import track_stream
+from dcs_jax.runners.stream import track_stream
 
 
 class Chunk(NamedTuple):

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from .records import Floats
 
+ORDERS = 5  # of the columns, in which the exact solver is tried
 BOUND_POWER = 2  # p of the bound (sum of the eigenvalues to the p)^(1/p) on the largest one
 
 
@@ -99,14 +100,22 @@ def solve_exactly(
     target = root * y
     # min ||z||, -W'z >= W'y - limit, z = t - y
     system = np.vstack([-w, w.T @ target - limit])
-    u, _ = nnls(system, np.append(np.zeros(rows), 1.0))
-    residual = np.append(np.zeros(rows), 1.0) - system @ u
-    c = u / residual[-1]
-    dual = target + residual[:-1] / -residual[-1]
-    violation = max(0.0, float((w.T @ dual - limit).max()))
-    value = float(((target - w @ c) ** 2).sum() + 2 * limit @ c)
-    gap = value - float(2 * target @ dual - dual @ dual)
-    if gap + violation * 2 * c.sum() > 1e-8 * (1 + target @ target):
+    corner = np.append(np.zeros(rows), 1.0)
+    for attempt in range(ORDERS):
+        # On votes, many of whose columns are equal, `nnls` stops short in one case in a thousand,
+        # another one in another order of the columns.
+        order = np.random.default_rng(attempt).permutation(system.shape[1])
+        u = np.zeros(system.shape[1])
+        u[order], _ = nnls(system[:, order], corner)
+        residual = corner - system @ u
+        c = u / residual[-1]
+        dual = target + residual[:-1] / -residual[-1]
+        violation = max(0.0, float((w.T @ dual - limit).max()))
+        value = float(((target - w @ c) ** 2).sum() + 2 * limit @ c)
+        gap = value - float(2 * target @ dual - dual @ dual)
+        if gap + violation * 2 * c.sum() <= 1e-8 * (1 + target @ target):
+            break
+    else:
         raise RuntimeError(f"the reference solution has a duality gap of {gap}")
     beta, noise = c[:columns], c[columns : columns + rows] - c[columns + rows :]
     return beta, noise / root

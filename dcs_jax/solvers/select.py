@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.checks import as_numbers, check_choice, check_count, check_key
-from dcs_jax.core import apg, interior, jaxopt_method, projected_gradient
-from dcs_jax.core.selection import is_maximum
-from dcs_jax.core.stopping import Method, Outcome, iterate
+from dcs_jax.solvers import apg, interior, jaxopt, projected_gradient
+from dcs_jax.solvers.iterate import Method, Outcome, iterate
+from dcs_jax.solvers.problem import Problem
+from dcs_jax.solvers.ties import is_maximum
 
 Solver = Literal["auto", "apg", "interior", "projected_gradient", "jaxopt"]
 Tie = Literal["first", "error", "random"]
@@ -195,7 +196,7 @@ def _broadcast(problems: _Problems) -> _Problems:
     )
 
 
-def _apg(problem: apg.Problem, start: Float[Array, " M"]) -> Method:
+def _apg(problem: Problem, start: Float[Array, " M"]) -> Method:
     """The tracker's solver, from any coefficients."""
     return Method(
         apg.begin(problem, start),
@@ -204,11 +205,11 @@ def _apg(problem: apg.Problem, start: Float[Array, " M"]) -> Method:
     )
 
 
-_METHODS: dict[str, Callable[[apg.Problem, Float[Array, " M"]], Method]] = {
+_METHODS: dict[str, Callable[[Problem, Float[Array, " M"]], Method]] = {
     "apg": _apg,
     "interior": lambda problem, _: interior.method(problem),
     "projected_gradient": projected_gradient.method,
-    "jaxopt": jaxopt_method.method,
+    "jaxopt": jaxopt.method,
 }
 
 
@@ -233,7 +234,7 @@ def _select(
     every = most if fixed and solver != "interior" else min(_EVERY[solver], most)
 
     def solve(one: _Problems) -> Outcome:
-        problem = apg.Problem(
+        problem = Problem(
             one.votes, jnp.ones_like(one.start), one.labels, one.weights, one.lam, one.lam_noise
         )
         method = _METHODS[solver](problem, one.start)

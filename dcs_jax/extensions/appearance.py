@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from dcs_jax.config import Config
-from dcs_jax.core.gradients import gradient_cells
+from dcs_jax.extensions.gradients import gradient_cells
 from dcs_jax.types import Appearance
 
 # A patch is resampled to 32 x 32 places, in cells of 4 x 4.

@@ -22,8 +22,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from dcs_jax.core.apg import Problem, noise_penalty
-from dcs_jax.core.stopping import Method
+from dcs_jax.solvers.iterate import Method
+from dcs_jax.solvers.problem import Problem, noise_penalty
 
 # Of the way to the boundary, a step goes this far.
 _STEP = 0.99

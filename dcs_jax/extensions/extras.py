@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
-from dcs_jax.core import appearance, correlation
 from dcs_jax.core.window import ColumnSums
+from dcs_jax.extensions import appearance, correlation
 from dcs_jax.types import Appearance, Extras, Filter, Sighting, State
 
 # Windows looked at in a frame, beside that around the last place, for an object out of sight.

@@ -20,8 +20,8 @@ from dcs_jax import tracker
 from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
 from dcs_jax.core.window import ColumnSums, column_sums
-from dcs_jax.sequence import Frames
-from dcs_jax.shares import Shares
+from dcs_jax.runners.sequence import Frames
+from dcs_jax.runners.sharding import Shares
 from dcs_jax.types import Frame, ImageLike, Pool, State, StepInfo
 
 CHUNK_FRAMES = 32

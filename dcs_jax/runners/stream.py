@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
 from dcs_jax.config import Config, resolve_all
 from dcs_jax.io.frames import ahead, chunks
-from dcs_jax.slots import Records, Slots
+from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
 
 Frame = NDArray[np.uint8]

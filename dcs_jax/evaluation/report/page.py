@@ -13,11 +13,11 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from dcs_jax.evaluation import plots
 from dcs_jax.evaluation.metrics import PRECISION_AT
+from dcs_jax.evaluation.report import plots
+from dcs_jax.evaluation.report.strips import Picture, film_strip
 from dcs_jax.evaluation.results import PICTURES
 from dcs_jax.evaluation.statistics import Spread, ranks
-from dcs_jax.evaluation.strips import Picture, film_strip
 from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
 from dcs_jax.io.files import atomic
 
@@ -83,7 +83,7 @@ class Scene(NamedTuple):
     losses: list[tuple[str, str]]
 
 
-def write_report(summary: Summary, path: str | Path) -> Path:
+def write_page(summary: Summary, path: str | Path) -> Path:
     """Write the page of a summary, and overview.png beside it; returns the page's path.
 
     Raises ValueError for a summary without any result.
@@ -91,7 +91,7 @@ def write_report(summary: Summary, path: str | Path) -> Path:
     if not summary.rows:
         raise ValueError("there is no result to report")
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("dcs_jax.evaluation", "."),
+        loader=jinja2.PackageLoader("dcs_jax.evaluation.report", "."),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -1,6 +1,6 @@
 """How good a solution of the selection problem is: its objective, and a bound on the least one.
 
-The noise e can be eliminated from the problem of `apg`: the best one for a residual
+The noise e can be eliminated from the problem of `problem`: the best one for a residual
 r = y - Phi beta is r shrunk by t = lam_noise / 2, which leaves
 
     P(beta) = sum_l w_l h(r_l) + lam sum_m beta_m,   h(r) = r^2 if |r| <= t else 2 t |r| - t^2,
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from dcs_jax.core.apg import Problem, noise_penalty
+from dcs_jax.solvers.problem import Problem, noise_penalty
 
 
 class Certificate(NamedTuple):

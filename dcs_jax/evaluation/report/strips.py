@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dcs_jax.evaluation.metrics import centre_error
 from dcs_jax.evaluation.results import JPEG_QUALITY
 from dcs_jax.evaluation.summary import Summary
-from dcs_jax.io.canvas import Colour
+from dcs_jax.io.drawing import Colour
 from dcs_jax.io.overlay import TRUTH, draw_box
 
 COUNT = 6

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
-from dcs_jax.core.apg import Problem
-from dcs_jax.core.certificate import Certificate, certify
+from dcs_jax.solvers.certificate import Certificate, certify
+from dcs_jax.solvers.problem import Problem
 
 # An objective this small a part of that of beta = 0 is 0 but for rounding: a gap is relative to
 # this part then.

@@ -9,7 +9,7 @@ from jax.sharding import Mesh
 
 from dcs_jax.checks import check_boxes, check_keys, check_videos
 from dcs_jax.config import Config, resolve_all
-from dcs_jax.slots import Slots
+from dcs_jax.runners.slots import Slots
 from dcs_jax.types import BoxLike, ImageLike, Track
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from dcs_jax.config import Grid
-from dcs_jax.core.gradients import gradient_cells
+from dcs_jax.extensions.gradients import gradient_cells
 from dcs_jax.types import Filter
 
 # Cells of the place filter along the shorter side of the object.

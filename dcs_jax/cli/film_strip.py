@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dcs_jax.evaluation.metrics import overlap
-from dcs_jax.io.canvas import BOLD, SAMPLES, Canvas, Colour
+from dcs_jax.io.drawing import BOLD, SAMPLES, Canvas, Colour
 from dcs_jax.io.overlay import TRACKED, TRUTH, draw_box
 
 PANEL: Colour = (24, 33, 48)

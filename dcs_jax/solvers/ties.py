@@ -1,0 +1,30 @@
+"""Which of several equally good classifiers is taken."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int32
+
+# Equal columns get equal coefficients up to rounding: maxima within this fraction are a tie.
+TIE_TOLERANCE = 1e-3
+
+
+def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
+    """Index of the first maximum along the first axis, up to a relative tolerance: [...] int32.
+
+    The order decides which of several equal classifiers is taken, and the tracker lives on it: the
+    first index among those without an error on this frame tracks, the least accumulated error
+    among them loses the target.
+    """
+    return first_true(is_maximum(scores))
+
+
+def is_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
+    """Which scores are maxima along the first axis, up to a relative tolerance: [M, ...]."""
+    best = scores.max(0)
+    return scores >= best - TIE_TOLERANCE * jnp.abs(best)
+
+
+def first_true(chosen: Bool[Array, "M *selectors"]) -> Int32[Array, "*selectors"]:
+    """Index of the first True along the first axis: [...] int32."""
+    # On the CPU a minimum along contiguous memory is vectorised, an argmax is not.
+    index = jnp.arange(len(chosen), dtype=jnp.int32).reshape(-1, *(1,) * (chosen.ndim - 1))
+    return jnp.where(chosen, index, len(chosen)).min(0)
