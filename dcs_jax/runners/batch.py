@@ -20,10 +20,10 @@ def track_batch(
     config: Config = Config(),
     mesh: Mesh | None = None,
 ) -> Track:
-    """Follow B boxes through one video, or one box through each of B videos.
+    """Track B boxes through one video, or one box through each of B videos.
 
-    The same boxes as B calls of `track_sequence`, bit for bit with `extras=False`, else up to the
-    rounding of the boxes' sizes, which is another in every compiled program. In less time: on a CPU
+    The same boxes as B calls of `track_sequence`, bit for bit with `scale=None`, else up to the
+    rounding of the boxes' sizes, which differs between compiled programs. In less time: on a CPU
     one thread a core, and the column sums of a frame once a core, not once a target. Memory: beside
     the frames, that of the states and of a chunk of 32 frames.
 
@@ -62,10 +62,10 @@ def track_batch(
     slots = Slots(B, frame_shape, keys, resolve_all(config, boxes), mesh, videos)
 
     first = frames[:, 0] if videos else frames[0]
-    parts = [slots.start(first, boxes, np.ones(B, bool))]
-    for begin in range(1, T, slots.length):
-        chunk = slice(begin, begin + slots.length)
-        parts.append(slots.follow(frames[:, chunk] if videos else frames[chunk]))
+    parts = [slots.init(first, boxes, np.ones(B, bool))]
+    for start in range(1, T, slots.length):
+        chunk = slice(start, start + slots.length)
+        parts.append(slots.scan(frames[:, chunk] if videos else frames[chunk]))
     rows = map(slots.rows, parts)
     # The fields of a track are those of a record, in the same order.
     return Track(*jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves, 1)), *rows))
