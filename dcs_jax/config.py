@@ -191,7 +191,7 @@ class Redetection:
     """Search of the whole frame for an object that was missed (`extensions.redetection`)."""
 
     windows: int = _count(2)
-    """Search windows a frame, beside that around the last position. Static."""
+    """Search windows a frame, in addition to that around the last position. Static."""
     accept_above: Number = _share(0.9)
     """Confidence above which the object is accepted in one of them."""
 
@@ -199,7 +199,7 @@ class Redetection:
         _check_fields(self)
 
 
-# Names of earlier versions, and what took their place.
+# Names of earlier versions, and what replaced them.
 RENAMED = {
     "extras": "translation, scale, verification and redetection, each None to switch it off",
     "sizes": "scale.num_scales",

@@ -88,7 +88,7 @@ def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[S
 def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepInfo:
     """What the classifiers make of a frame at the position where the state has its box.
 
-    After `init` this is the first row of a track, whose box is given and not searched for.
+    After `init` this is the first row of a track, whose box is the initial one, not searched for.
     """
     sums = _sums(frame)
     _check_components(state, config)
@@ -181,7 +181,7 @@ def _gated(
     """The updated state where the object is verified, and else the last; with the confidence.
 
     It is verified once more in the window around the new box, whose size has changed. Where it is
-    missed, the search goes on from where it was last.
+    missed, the search continues from where it was last.
     """
     known, settings = state.verification, config.verification
     assert known

@@ -27,7 +27,7 @@ def track_sequence(
     key: random key that decides the features; by default `jax.random.key(0)`. The same key gives
         the same boxes, bit for bit.
     config: settings. On a canvas (the default) only another shape of `frames` or another static
-        field compiles anew; with canvas="native" another size of box does, too.
+        field is compiled; with canvas="native" another size of box is, too.
 
     Raises ValueError, before any compilation, where an argument is not as stated.
     """

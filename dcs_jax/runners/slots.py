@@ -1,4 +1,4 @@
-"""A fixed number of places for tracks, with a track or empty: what batches and streams run on."""
+"""A fixed number of slots, each with a track or empty: what batches and streams run on."""
 
 import math
 from operator import attrgetter
@@ -39,7 +39,7 @@ class Records(NamedTuple):
 
 
 class Slots:
-    """S places for tracks, each with a track or empty.
+    """S slots, each with a track or empty.
 
     One program starts tracks in any of them, another steps those in any of them through a chunk of
     frames: which ones, how many, and of how many frames compiles nothing, and a slot that is
@@ -106,21 +106,21 @@ class Slots:
         """Start tracks in the new slots: their records of this frame.
 
         frame: [H, W] or [H, W, 3]; or of each slot, [S, H, W] or [S, H, W, 3].
-        boxes: [S, 4]. new: [S]. keys: of a new slot, in place of the key it had.
+        boxes: [S, 4]. new: [S]. keys: of new slots, instead of the keys they had.
         """
         for slot, key in (keys or {}).items():
             assert self._keys is not None
             self._keys = self._keys.at[slot].set(key)
         shard = self.sharding.shard
         own, common = (frame, None) if self._videos else (None, self.sharding.replicate(frame))
-        given: tuple[list[Any], ...] = (
+        arguments: tuple[list[Any], ...] = (
             self._config,
             shard(self._mask(new)),
             shard(own),
             shard(boxes),
             shard(self._keys),
         )
-        each = [InitArguments(*parts) for parts in zip(*given, strict=True)]
+        each = [InitArguments(*parts) for parts in zip(*arguments, strict=True)]
         self._states, infos = self.sharding.run(
             init_slots, self._states, each, (self._pool, common)
         )
@@ -138,12 +138,12 @@ class Slots:
         counts = np.full(self.size, count) if active is None else np.where(active, count, 0)
         shard = self.sharding.shard
         own, common = (frames, None) if self._videos else (None, self.sharding.replicate(frames))
-        given: tuple[list[Any], ...] = (
+        arguments: tuple[list[Any], ...] = (
             self._config,
             shard(self._mask(counts.astype(np.int32))),
             shard(own),
         )
-        each = [ScanArguments(*parts) for parts in zip(*given, strict=True)]
+        each = [ScanArguments(*parts) for parts in zip(*arguments, strict=True)]
         self._states, infos = self.sharding.run(
             scan_slots, self._states, each, (self._pool, common)
         )
@@ -152,7 +152,7 @@ class Slots:
     def rows(self, records: Records) -> StepInfo:
         """Records [S, n, ...] of all slots as NumPy arrays.
 
-        NaN (0 in what is no float) where a slot was left out.
+        NaN (0 in what is not a float) where a slot was left out.
         """
         infos = self.sharding.gather(records.infos)
         return jax.tree.map(lambda leaf: leaf[:, : records.frames], infos)
@@ -163,11 +163,11 @@ class Slots:
 
 
 def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
-    """Frames that nobody looks at added after the last: chunks of one length have one program."""
-    missing = length - frames.shape[axis]
-    if not missing:
+    """The frames and blank ones after the last: chunks of one length have one program."""
+    lacking = length - frames.shape[axis]
+    if not lacking:
         return frames
-    widths = [(0, missing) if dim == axis else (0, 0) for dim in range(frames.ndim)]
+    widths = [(0, lacking) if dim == axis else (0, 0) for dim in range(frames.ndim)]
     return np.pad(frames, widths) if isinstance(frames, np.ndarray) else jnp.pad(frames, widths)
 
 
