@@ -15,6 +15,7 @@ Source: S. Mehrotra, On the implementation of a primal-dual interior point metho
 Gondzio's centrality correctors (Multiple centrality corrections in a primal-dual method, 1996).
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -44,7 +45,7 @@ _DAMPING = 30.0
 _LEAST_BOUND = 1.0
 
 
-class Carry(NamedTuple):
+class _InteriorState(NamedTuple):
     """An interior iterate: theta [L], multipliers x and slacks s [M + 2 L] of the constraints."""
 
     theta: Float[Array, " L"]
@@ -62,13 +63,16 @@ class _Scaled(NamedTuple):
     column_scale: Float[Array, " M"]
 
 
-def method(problem: Problem) -> Method:
-    """The method from its own start: theta = 0, and noise that takes up the labels."""
+def method(problem: Problem, start: Float[Array, " M"]) -> Method:
+    """The method from a start of its own: theta = 0, and noise that takes up the labels.
+
+    start: [M], not used: coefficients of 0 lie on the boundary, where the method cannot start.
+    """
     scaled = _scale(problem)
     columns, rows = scaled.votes.shape
     beta = jnp.full(columns, columns**-0.5, scaled.votes.dtype)
     noise = scaled.labels - beta @ scaled.votes
-    first = Carry(
+    init = _InteriorState(
         jnp.zeros(rows, noise.dtype),
         jnp.concatenate(
             [beta, jnp.maximum(noise, 0) + _LEAST_NOISE, jnp.maximum(-noise, 0) + _LEAST_NOISE]
@@ -76,15 +80,10 @@ def method(problem: Problem) -> Method:
         scaled.bound,
     )
 
-    def advance(carry: Carry, iterations: int) -> Carry:
-        return jax.lax.scan(
-            lambda carry, _: (_step(scaled, carry), None), carry, length=iterations
-        )[0]
+    def solution(state: _InteriorState) -> tuple[Float[Array, " M"], Float[Array, " L"]]:
+        return state.multiplier[:columns] * scaled.column_scale, state.theta * scaled.row_scale
 
-    def solution(carry: Carry) -> tuple[Float[Array, " M"], Float[Array, " L"]]:
-        return carry.multiplier[:columns] * scaled.column_scale, carry.theta * scaled.row_scale
-
-    return Method(first, advance, solution)
+    return Method(init, functools.partial(_step, scaled), solution)
 
 
 def _scale(problem: Problem) -> _Scaled:
@@ -107,11 +106,11 @@ def _scale(problem: Problem) -> _Scaled:
     )
 
 
-def _step(scaled: _Scaled, carry: Carry) -> Carry:
+def _step(scaled: _Scaled, state: _InteriorState) -> _InteriorState:
     """One predictor-corrector step."""
     votes, labels, bound, *_ = scaled
     columns = votes.shape[0]
-    theta, multiplier, slack = carry
+    theta, multiplier, slack = state
     damping = _DAMPING * jnp.finfo(bound.dtype).eps ** 0.5 * bound
     damping = jnp.where(jnp.arange(bound.shape[0]) < columns, damping, 0)
     denominator = slack + damping * multiplier
@@ -120,15 +119,15 @@ def _step(scaled: _Scaled, carry: Carry) -> Carry:
     primal = labels - theta - _adjoint(votes, multiplier)
     dual = bound - slack - _forward(votes, theta)
 
-    def direction(change: Float[Array, " constraints"]) -> Carry:
+    def direction(change: Float[Array, " constraints"]) -> _InteriorState:
         """The Newton step that changes the products x s by this much, to first order."""
         towards = change / denominator - ratio * dual
         d_theta = solve(primal, towards)
         forward = _forward(votes, d_theta)
         d_multiplier = towards + ratio * forward
-        return Carry(d_theta, d_multiplier, dual - forward + damping * d_multiplier)
+        return _InteriorState(d_theta, d_multiplier, dual - forward + damping * d_multiplier)
 
-    def length(step: Carry) -> Float[Array, ""]:
+    def length(step: _InteriorState) -> Float[Array, ""]:
         """How far the step may go, at most 1, before a multiplier or a slack is 0."""
         return 1 / jnp.maximum(
             jnp.maximum((-step.multiplier / multiplier).max(), (-step.slack / slack).max()), 1
@@ -156,7 +155,7 @@ def _step(scaled: _Scaled, carry: Carry) -> Carry:
             (corrected, corrected_change, corrected_reach),
             (step, change, reach),
         )
-    return jax.tree.map(lambda x, dx: x + jnp.minimum(_STEP * reach, 1) * dx, carry, step)
+    return jax.tree.map(lambda x, dx: x + jnp.minimum(_STEP * reach, 1) * dx, state, step)
 
 
 def _forward(votes: Float[Array, "M L"], theta: Float[Array, " L"]) -> Float[Array, " constraints"]:

@@ -3,9 +3,6 @@
 It needs the package `jaxopt`, which the library does not depend on, and builds W = [Phi I -I].
 """
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -28,13 +25,9 @@ def method(problem: Problem, start: Float[Array, " M"]) -> Method:
         return jnp.sum((root * (w @ c - labels)) ** 2)
 
     solver = jaxopt.ProximalGradient(squares, jaxopt.prox.prox_non_negative_lasso, tol=0.0)
-    first = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])
-
-    def once(carry: Any, _: None) -> tuple[Any, None]:
-        return tuple(solver.update(*carry, hyperparams_prox=penalty)), None
-
+    c = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])
     return Method(
-        (first, solver.init_state(first, hyperparams_prox=penalty)),
-        lambda carry, iterations: jax.lax.scan(once, carry, length=iterations)[0],
-        lambda carry: (carry[0][:columns], None),
+        jaxopt.OptStep(c, solver.init_state(c, hyperparams_prox=penalty)),
+        lambda state: solver.update(*state, hyperparams_prox=penalty),
+        lambda state: (state.params[:columns], None),
     )

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.checks import as_numbers, check_choice, check_count, check_key
 from dcs_jax.solvers import apg, interior, jaxopt, projected_gradient
-from dcs_jax.solvers.iterate import Method, Outcome, iterate
+from dcs_jax.solvers.iterate import Method, Solved, iterate
 from dcs_jax.solvers.problem import Problem
 from dcs_jax.solvers.ties import is_maximum
 
@@ -20,15 +20,32 @@ Tie = Literal["first", "error", "random"]
 Real = jax.Array | np.ndarray
 Penalty = float | jax.Array | np.ndarray
 
-# Iterations between two looks at the gap, and the most of them unless stated. A look costs the
-# gradient methods as much as an iteration, the interior point method next to nothing.
-_EVERY = {"apg": 10, "interior": 1, "projected_gradient": 10, "jaxopt": 10}
-_MOST = {"apg": 20_000, "interior": 100, "projected_gradient": 20_000, "jaxopt": 20_000}
 
-# Problems are solved in blocks of about this many votes. By the interior point method, 100 of
-# 100 x 200 take 155 ms one by one, 180 in tens and 310 all at once, where the slowest keeps the
-# others waiting; 30 iterations of apg on 100 of 5 x 200 take 2.5 ms in twenties, 1.5 all at once.
-_BLOCK = {"apg": 200_000, "interior": 20_000, "projected_gradient": 200_000, "jaxopt": 20_000}
+class _Settings(NamedTuple):
+    """A solver's method, and how it is run.
+
+    every: iterations between two looks at the gap. most: iterations, where the caller says nothing.
+    block: votes of the problems that are solved at once, about.
+    """
+
+    method: Callable[[Problem, Float[Array, " M"]], Method]
+    every: int
+    most: int
+    block: int
+
+
+# A look at the gap costs the gradient methods as much as an iteration, the interior point method
+# next to nothing. By the latter, 100 problems of 100 x 200 take 155 ms one by one, 180 in tens and
+# 310 all at once, where the slowest keeps the others waiting; 30 iterations of apg on 100 problems
+# of 5 x 200 take 2.5 ms in twenties, 1.5 all at once.
+_SOLVERS = {
+    "apg": _Settings(apg.method, every=10, most=20_000, block=200_000),
+    "interior": _Settings(interior.method, every=1, most=100, block=20_000),
+    "projected_gradient": _Settings(
+        projected_gradient.method, every=10, most=20_000, block=200_000
+    ),
+    "jaxopt": _Settings(jaxopt.method, every=10, most=20_000, block=20_000),
+}
 
 
 class Selection(NamedTuple):
@@ -157,7 +174,7 @@ def select_classifiers(
         errors,
         key,
         solver=solver,
-        most=_MOST[solver] if max_iterations is None else int(max_iterations),
+        most=_SOLVERS[solver].most if max_iterations is None else int(max_iterations),
         fixed=tol is None,
         started=start is not None,
         tie=tie,
@@ -196,23 +213,6 @@ def _broadcast(problems: _Problems) -> _Problems:
     )
 
 
-def _apg(problem: Problem, start: Float[Array, " M"]) -> Method:
-    """The tracker's solver, from any coefficients."""
-    return Method(
-        apg.begin(problem, start),
-        functools.partial(apg.advance, problem),
-        lambda carry: (carry.now.beta, None),
-    )
-
-
-_METHODS: dict[str, Callable[[Problem, Float[Array, " M"]], Method]] = {
-    "apg": _apg,
-    "interior": lambda problem, _: interior.method(problem),
-    "projected_gradient": projected_gradient.method,
-    "jaxopt": jaxopt.method,
-}
-
-
 @functools.partial(jax.jit, static_argnames=("solver", "most", "fixed", "started", "tie"))
 def _select(
     problems: _Problems,
@@ -231,16 +231,17 @@ def _select(
     rows, columns = problems.votes.shape[-2:]
     batch = problems.lam.shape
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), problems)
-    every = most if fixed and solver != "interior" else min(_EVERY[solver], most)
+    settings = _SOLVERS[solver]
+    every = most if fixed and solver != "interior" else min(settings.every, most)
 
-    def solve(one: _Problems) -> Outcome:
+    def solve(one: _Problems) -> Solved:
         problem = Problem(
             one.votes, jnp.ones_like(one.start), one.labels, one.weights, one.lam, one.lam_noise
         )
-        method = _METHODS[solver](problem, one.start)
+        method = settings.method(problem, one.start)
         return iterate(problem, method, one.start if started else None, tol, most, every)
 
-    block = max(1, _BLOCK[solver] // (rows * columns))
+    block = max(1, settings.block // (rows * columns))
     with jax.default_matmul_precision("highest"):
         found = jax.lax.map(solve, flat, batch_size=min(block, flat.lam.size))
         correlation = jnp.einsum("blm,bl->bm", flat.votes, flat.weights * flat.labels)
