@@ -7,8 +7,8 @@ Nothing here knows what a frame is. In the order to read them:
     iterate             the form of a method (init, step, solution), and the loop around one
     apg                 accelerated proximal gradient: the tracker's solver
     interior            a primal-dual interior point method: the solver for small gaps
-    projected_gradient  the plain method, to compare others with
-    jaxopt              the proximal gradient of the package jaxopt, to compare others with
+    projected_gradient  the plain method, for comparison
+    jaxopt              the proximal gradient of the package jaxopt, for comparison
     ties                which of several equally good classifiers is selected
     select              the public `select_classifiers`: checks, batches, choice of the solver
 

@@ -36,11 +36,14 @@ def method(problem: Problem, start: Float[Array, "M *B"]) -> Method:
     """The method from these coefficients and no noise."""
     votes, counts, labels, weights, lam, _ = problem
     lam_noise = noise_penalty(problem)
+    # One over the Lipschitz constant of the gradient. The identities in W add 1 to the eigenvalue.
     step_size = 1 / (2 * (eigenvalue_bound(problem) + 1))
     labels, weights = (x.reshape(-1, *(1,) * step_size.ndim) for x in (labels, weights))
 
     def step(state: _ApgState) -> _ApgState:
         ahead = state.extrapolated
+        # As in the problem written out, where each equal row has a noise of its own and each equal
+        # column a coefficient: the step of the noise has no weights, that of beta no counts.
         residual = votes @ (counts * ahead.beta) + ahead.noise - labels
         beta = ahead.beta - step_size * (2 * (votes.T @ (weights * residual)) + lam)
         noise = ahead.noise - 2 * step_size * residual

@@ -26,22 +26,22 @@ from jaxtyping import Array, Float
 from dcs_jax.solvers.iterate import Method
 from dcs_jax.solvers.problem import Problem, noise_penalty
 
-# Of the way to the boundary, a step goes this far.
+# A step goes this share of the way to the boundary.
 _STEP = 0.99
-# The noise of a row at the start, in units of the largest label. 0.1 takes about one step less than
-# 1, and with coefficients of 1 / sqrt(M) one step in ten less than with 1 / M.
+# Least noise of a row at the start, in units of the largest label. 0.1 takes about one step less
+# than 1, and coefficients of 1 / sqrt(M) take one step in ten less than 1 / M.
 _LEAST_NOISE = 0.1
-# Each costs two triangular solves. On 100 x 200 votes none takes 185 ms for 100 problems, one 152,
-# two 159, three 182.
+# Centrality corrections, of two triangular solves each. 100 problems of 100 x 200 take 185 ms with
+# none, 152 with one, 159 with two, 182 with three.
 _CORRECTIONS = 1
-# Complementarity products are corrected into this range around their target.
+# Complementarity products are corrected to within this factor of their target.
 _SPREAD = 10.0
-# The quadratic term that keeps each step's coefficients near the last ones, in bounds of their
-# constraints. Without it float32 stalls at a gap of 1e-4 to 1e-3, or ends in NaN; with it 1e-6 is
-# reached in as many steps. In units of the square root of rounding: 30 is 1e-2 in float32, where
-# 1e-1 takes more steps and 1e-3 leaves some problems stalled.
+# Weight of the quadratic (proximal) term that keeps each step's coefficients near the last ones, in
+# bounds of their constraints. Without it float32 stalls at a gap of 1e-4 to 1e-3, or ends in NaN;
+# with it 1e-6 is reached in as many steps. In units of the square root of rounding: 30 is 1e-2 in
+# float32, where 1e-1 takes more steps and 1e-3 leaves some problems stalled.
 _DAMPING = 30.0
-# The least bound, in units of rounding: with lam = 0 there would be no interior.
+# Least bound of a constraint, in units of rounding: with lam = 0 there would be no interior.
 _LEAST_BOUND = 1.0
 
 
@@ -138,11 +138,13 @@ def _step(scaled: _Scaled, state: _InteriorState) -> _InteriorState:
     predictor = direction(-product)
     reach = length(predictor)
     reached = (multiplier + reach * predictor.multiplier) * (slack + reach * predictor.slack)
+    # Mehrotra's target: the further the predictor gets, the less centring.
     target = (reached.mean() / mean) ** 3 * mean
     change = target - predictor.multiplier * predictor.slack - product
     step = direction(change)
     reach = length(step)
     for _ in range(_CORRECTIONS):
+        # Gondzio's: aim a little further than the step reaches, correct what is far from target.
         trial = jnp.minimum(1.1 * reach + 0.1, 1)
         reached = (multiplier + trial * step.multiplier) * (slack + trial * step.slack)
         correction = jnp.clip(reached, target / _SPREAD, target * _SPREAD) - reached
@@ -172,7 +174,7 @@ def _adjoint(votes: Float[Array, "M L"], x: Float[Array, " constraints"]) -> Flo
 def _factorise(
     votes: Float[Array, "M L"], ratio: Float[Array, " constraints"]
 ) -> Callable[[Float[Array, " L"], Float[Array, " constraints"]], Float[Array, " L"]]:
-    """A function of p and x that returns the solution of (I + G' diag(ratio) G) d = p - G' x."""
+    """Function of p and x that returns the solution of (I + G' diag(ratio) G) d = p - G' x."""
     columns, rows = votes.shape
     inner = ratio[:columns]
     diagonal = 1 + ratio[columns : columns + rows] + ratio[columns + rows :]
@@ -182,7 +184,7 @@ def _factorise(
     solve = _cholesky((votes / diagonal) @ votes.T, 1 / inner)
 
     def by_columns(p: Float[Array, " L"], x: Float[Array, " constraints"]) -> Float[Array, " L"]:
-        # For the change of beta, not by the Woodbury formula, whose two terms cancel.
+        # Solved for the change of beta: the two terms of the Woodbury formula cancel.
         rest = p - x[columns : columns + rows] + x[columns + rows :]
         beta = solve(x[:columns] / inner + votes @ (rest / diagonal))
         return (rest - beta @ votes) / diagonal
@@ -193,7 +195,7 @@ def _factorise(
 def _cholesky(
     matrix: Float[Array, "n n"], diagonal: Float[Array, " n"]
 ) -> Callable[[Float[Array, " n"]], Float[Array, " n"]]:
-    """A function that solves (matrix + diag(diagonal)) x = g."""
+    """Function that solves (matrix + diag(diagonal)) x = g."""
     factor = jax.lax.linalg.cholesky(matrix + jnp.diag(diagonal), symmetrize_input=False)
 
     def solve(g: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -1,4 +1,4 @@
-"""Iterate until a duality gap is small enough: the same loop for every method."""
+"""Iteration until the duality gap is small enough: the same loop around every method."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Int32
 from dcs_jax.solvers.certificate import Certificate, certify
 from dcs_jax.solvers.problem import Problem
 
-# An objective this small a part of that of beta = 0 is 0 but for rounding: a gap is relative to
-# this part then.
+# An objective below this share of that of beta = 0 is 0 up to rounding: the gap is then relative to
+# this share.
 SMALLEST_OBJECTIVE = 1e-6
 
 
@@ -32,8 +32,8 @@ class Method(NamedTuple):
 class Solved(NamedTuple):
     """The best coefficients seen, and what is known of them.
 
-    beta: [M]. noise: [L]. objective: [], the least one of all iterates looked at.
-    gap: [], an upper bound of (objective - minimum) / objective, not negative; relative to
+    beta: [M]. noise: [L]. objective: [], the least of all iterates looked at.
+    gap: [], upper bound of (objective - minimum) / objective, not negative; relative to
         `SMALLEST_OBJECTIVE` times the objective of beta = 0 where that is more.
     iterations: [] int32.
     """
@@ -75,10 +75,10 @@ def iterate(
 ) -> Solved:
     """Run a method until the gap is at most tol, or for a number of iterations.
 
-    start: [M], coefficients to fall back on, looked at first beside beta = 0; or None.
+    start: [M], coefficients to compare with the method's, as beta = 0 is always; or None.
     every: iterations between two looks at the gap; `max_iterations` is rounded up to it.
 
-    A method whose numbers are no longer finite ends, with the best it had.
+    A method ends early where its numbers are no longer finite. The best solution so far counts.
     """
     zero = jnp.zeros_like(problem.counts)
     at_zero = certify(problem, zero)
@@ -117,7 +117,7 @@ def iterate(
 
 
 def _better(state: _LoopState, beta: Float[Array, " M"], known: Certificate) -> _LoopState:
-    """The loop with these coefficients where they are better than the best so far."""
+    """The state with these coefficients where they are better than the best so far."""
     better = known.objective < state.objective
     return state._replace(
         beta=jnp.where(better, beta, state.beta),

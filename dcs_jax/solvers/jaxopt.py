@@ -1,6 +1,6 @@
-"""jaxopt's proximal gradient on the selection problem as printed, to hold others against.
+"""The proximal gradient of the package jaxopt, for comparison.
 
-It needs the package `jaxopt`, which the library does not depend on, and builds W = [Phi I -I].
+It solves the problem as the paper prints it, with W = [Phi I -I] in memory.
 """
 
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from dcs_jax.solvers.problem import Problem, noise_penalty
 
 def method(problem: Problem, start: Float[Array, " M"]) -> Method:
     """The method with jaxopt's own step lengths, from these coefficients and no noise."""
+    # Here, not above: the import takes half a second, and warns that jaxopt is not maintained.
     import jaxopt
 
     votes, counts, labels, weights, lam, _ = problem

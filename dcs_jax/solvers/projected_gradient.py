@@ -1,4 +1,4 @@
-"""The plain projected gradient method for the selection problem, to compare others with.
+"""The plain projected gradient method for the selection problem, for comparison.
 
 It minimises the form in which the noise is eliminated (`certificate`): over beta >= 0 alone, with
 the gradient lam - 2 Phi' W clip(y - Phi beta, -t, t).
@@ -15,6 +15,7 @@ def method(problem: Problem, start: Float[Array, " M"]) -> Method:
     """The method from these coefficients; its state is the coefficients."""
     votes, counts, labels, weights, lam, _ = problem
     limit = noise_penalty(problem) / 2
+    # The bound is 0 where all votes are.
     step_size = 1 / (2 * jnp.maximum(eigenvalue_bound(problem), jnp.finfo(start.dtype).tiny))
 
     def step(beta: Float[Array, " M"]) -> Float[Array, " M"]:
