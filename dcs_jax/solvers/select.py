@@ -1,8 +1,8 @@
 """`select_classifiers`, the public function: a few classifiers for samples with wrong labels."""
 
 import functools
-from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from dcs_jax.solvers.ties import is_maximum
 
 Solver = Literal["auto", "apg", "interior", "projected_gradient", "jaxopt"]
 Tie = Literal["first", "error", "random"]
-Real = jax.Array | np.ndarray
+Real = jax.Array | np.ndarray | Sequence[Any]
 Penalty = float | jax.Array | np.ndarray
 
 
@@ -150,19 +150,14 @@ def select_classifiers(
     dtype = jnp.dtype("float64" if double else "float32")
     weights = np.ones(rows, np.float32) if weights is None else weights
     lam_noise = lam if lam_noise is None else lam_noise
+    coefficients = np.zeros(columns, np.float32) if start is None else start
     problems = _Problems(
         as_numbers("votes", votes, dtype, (rows, columns)),
         as_numbers("labels", labels, dtype, (rows,)),
         as_numbers("weights", weights, dtype, (rows,), least=0),
         as_numbers("lam", lam, dtype, (), least=0),
         as_numbers("lam_noise", lam_noise, dtype, (), least=0),
-        as_numbers(
-            "start",
-            np.zeros(columns, np.float32) if start is None else start,
-            dtype,
-            (columns,),
-            least=0,
-        ),
+        as_numbers("start", coefficients, dtype, (columns,), least=0),
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
@@ -264,12 +259,4 @@ def _select(
             assert key is not None
             preference = jax.random.uniform(key, tied.shape, tol.dtype)
     index = jnp.argmax(jnp.where(tied, preference, -jnp.inf), axis=-1).astype(jnp.int32)
-    return Selection(
-        index,
-        found.beta,
-        found.noise,
-        found.objective,
-        found.gap,
-        found.iterations,
-        found.gap <= jnp.maximum(tol, 0),
-    )
+    return Selection(index, **found._asdict(), converged=found.gap <= jnp.maximum(tol, 0))
