@@ -101,7 +101,7 @@ def _cell(grid: Grid) -> int:
 def _features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array, "8 Y X"]:
     """A window's gradient cells, faded out towards its edges: [8, Y, X]."""
     grey = jnp.diff(jnp.diff(window, axis=0), axis=1)
-    cells = gradient_cells(grey, _cell(grid), soft=True)
+    cells = gradient_cells(grey, _cell(grid), bilinear=True)
     cells -= cells.mean((1, 2), keepdims=True)
     cells *= jnp.asarray(np.multiply.outer(*map(filters.hann, cells.shape[1:])), jnp.float32)
     return cells / jnp.sqrt(jnp.square(cells).mean() + 1e-6)
