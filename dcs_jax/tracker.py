@@ -171,6 +171,7 @@ def _update(
     return updated, noise
 
 
+@jax.named_scope("gating")
 def _gated(
     state: State,
     updated: State,

@@ -133,6 +133,7 @@ def _draw(
     return jnp.minimum(found, last).astype(jnp.int32)
 
 
+@jax.named_scope("Haar responses")
 def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "R F"]:
     """Responses of all features on all patches, in grey values: [R, F] float32.
 

@@ -32,6 +32,7 @@ def part_rectangles(grid: Grid, parts: int) -> tuple[tuple[int, int, int, int], 
     return (whole + halves + quadrants)[:parts]
 
 
+@jax.named_scope("Haar responses")
 def training_patches(
     integral: Float[Array, "lines_y lines_x"],
     box: Float[Array, "4"],

@@ -43,6 +43,7 @@ class ConfidenceMap(NamedTuple):
         return -jnp.expm1(-score), self.parts[:, row, column]
 
 
+@jax.named_scope("confidence map")
 def confidence_map(
     integral: Float[Array, "lines_y lines_x"],
     pool: Pool,
@@ -60,6 +61,7 @@ def confidence_map(
     return ConfidenceMap(parts, unsmoothed, _smooth(unsmoothed, config.smoothing))
 
 
+@jax.named_scope("peak")
 def find_peak(
     score_map: Float[Array, "C_y C_x"],
     box: Float[Array, "4"],

@@ -13,6 +13,7 @@ from dcs_jax.solvers.problem import Problem
 from dcs_jax.solvers.ties import first_maximum, first_true, is_maximum
 
 
+@jax.named_scope("selection")
 def select(
     votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
 ) -> tuple[Int32[Array, "K N"], Float[Array, " R"]]:

@@ -3,6 +3,7 @@
 import functools
 import operator
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -34,6 +35,7 @@ def init_weak(pool: Pool, rule: WeakRule) -> Weak:
     )
 
 
+@jax.named_scope("weak classifiers")
 def update_weak(weak: Weak, responses: Float[Array, "R F"]) -> tuple[Weak, Float[Array, "R F"]]:
     """Update the models with one frame's samples, then classify these and count (Algorithm 2).
 

@@ -44,12 +44,14 @@ class ColumnSums(NamedTuple):
         return self.grey.shape
 
 
+@jax.named_scope("column sums")
 def column_sums(frame: Frame) -> ColumnSums:
     """Grey values and their sums down the columns, of a uint8 frame [H, W] or [H, W, 3] (RGB)."""
     grey = to_grey(frame)
     return ColumnSums(grey, _sums_before(grey))
 
 
+@jax.named_scope("window")
 def window_integral(
     sums: ColumnSums, box: Float[Array, "4"], grid: Grid
 ) -> Float[Array, "lines_y lines_x"]:

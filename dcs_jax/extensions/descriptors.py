@@ -13,6 +13,7 @@ SIDE, _CELL = 32, 4
 _ROUNDING = 1e-6
 
 
+@jax.named_scope("descriptions")
 def describe(
     integral: Float[Array, "lines_y lines_x"],
     displacement: Float[Array, "2"],

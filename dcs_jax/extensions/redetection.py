@@ -11,6 +11,7 @@ from dcs_jax.types import Candidate
 Localise = jax.tree_util.Partial
 
 
+@jax.named_scope("redetection")
 def search(
     localise: Localise,
     best: Candidate,

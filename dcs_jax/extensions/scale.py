@@ -3,6 +3,7 @@
 Danelljan et al., "Accurate scale estimation for robust visual tracking", BMVC 2014 (DSST).
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -38,6 +39,7 @@ def init(descriptions: Float[Array, "S D"]) -> Filter:
     return filters.train(_spectrum(descriptions), jnp.asarray(desired, jnp.complex64))
 
 
+@jax.named_scope("scale")
 def estimate(state: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, ""]:
     """By how many steps the object has grown: [], between -S/2 and S/2, by a parabola's peak."""
     spectrum = filters.response(state, _spectrum(descriptions), _RIDGE)
@@ -47,6 +49,7 @@ def estimate(state: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, "
     return best.astype(jnp.float32) - len(descriptions) // 2 + offset
 
 
+@jax.named_scope("scale")
 def update(state: Filter, descriptions: Float[Array, "S D"], settings: ScaleFilter) -> Filter:
     """The filter after one more frame."""
     return filters.interpolate(state, init(descriptions), settings.learning_rate)

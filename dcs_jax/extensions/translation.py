@@ -4,6 +4,7 @@ A correlation filter on gradient cells. Its response is smooth where the votes o
 are not, so that the peak is found to a fraction of a cell.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -30,6 +31,7 @@ def init(window: Float[Array, "lines_y lines_x"], grid: Grid) -> TranslationStat
     return TranslationState(trained, trained)
 
 
+@jax.named_scope("translation")
 def score(
     state: TranslationState,
     window: Float[Array, "lines_y lines_x"],
@@ -44,6 +46,7 @@ def score(
     return settings.weight * response(mixed, window, grid)
 
 
+@jax.named_scope("translation")
 def update(
     state: TranslationState,
     window: Float[Array, "lines_y lines_x"],

@@ -20,6 +20,7 @@ def init(description: Float[Array, " D"]) -> VerificationState:
     return VerificationState(description, description, jnp.zeros((), jnp.int32))
 
 
+@jax.named_scope("verification")
 def similarity(
     state: VerificationState, description: Float[Array, " D"], settings: Verification
 ) -> Float[Array, ""]:
