@@ -116,16 +116,16 @@ def check_key(key: Any) -> None:
         raise ValueError(f"key must be one key, but is an array of keys of shape {key.shape}")
 
 
-def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:
+def check_choice(name: str, value: Any, choices: Sequence[Any]) -> None:
     """ValueError unless value is one of the choices."""
     if value not in choices:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, but is {value!r}")
 
 
-def check_count(name: str, value: Any) -> None:
-    """ValueError unless value is an integer of at least 1."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ValueError(f"{name} must be an integer of at least 1, but is {value!r}")
+def check_count(name: str, value: Any, least: int = 1) -> None:
+    """ValueError unless value is an integer of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
 
 
 def as_numbers(

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 import jax
 import numpy as np
 
+from dcs_jax.checks import check_choice, check_count
 from dcs_jax.types import BoxLike
 
 Selector = Literal["l1", "error", "mil", "first"]
@@ -19,18 +20,8 @@ Number = float | jax.Array
 Check = Callable[[str, Any], None]  # of a field's name and value; raises ValueError
 
 
-def _check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, but is {value!r}")
-
-
-def _check_count(name: str, value: Any, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
-
-
 def _check_odd(name: str, value: Any) -> None:
-    _check_count(name, value, 3)
+    check_count(name, value, least=3)
     if value % 2 == 0:
         raise ValueError(
             f"{name} must be odd, so that the last scale is in the middle, but is {value}"
@@ -85,11 +76,11 @@ def _static(default: Any, check: Callable[..., None], **limits: Any) -> Any:
 
 
 def _choice(default: Any, *choices: Any) -> Any:
-    return _static(default, _check_choice, choices=choices)
+    return _static(default, check_choice, choices=choices)
 
 
 def _count(default: int) -> Any:
-    return _static(default, _check_count, least=1)
+    return _static(default, check_count)
 
 
 def _number(default: float, expected: str, least: float, limit: float = math.inf) -> Any:

@@ -12,8 +12,8 @@ from jaxtyping import install_import_hook
 
 # Not config, which JAX rebuilds around placeholders of any type, nor what users call, which has
 # checks of its own: runners and solvers.select.
-_SOLVERS = ("apg", "certificate", "interior", "iterate", "jaxopt", "projected_gradient", "ties")
-_CHECKED = ("core", "extensions", "tracker", *(f"solvers.{solver}" for solver in _SOLVERS))
+_SOLVERS = ("apg", "certificate", "interior", "iterate", "jaxopt", "problem", "projected_gradient")
+_CHECKED = ("core", "extensions", "tracker", "solvers.ties", *(f"solvers.{s}" for s in _SOLVERS))
 install_import_hook([f"dcs_jax.{module}" for module in _CHECKED], "beartype.beartype")
 
 import jax

@@ -1,4 +1,4 @@
-"""The window's integral image, and how far the box may move, against the reference."""
+"""The window's integral image, and the limits of motion, against the reference."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Haar-like features: random pools of them, and their responses."""
+"""Haar-like features: random pools, and responses."""
 
 import jax
 import jax.numpy as jnp

@@ -56,9 +56,9 @@ def method(problem: Problem, start: Float[Array, "M *B"]) -> Method:
         ahead = jax.tree.map(lambda x, last: x + inertia * (x - last), solution, state.solution)
         return _ApgState(solution, ahead, momentum)
 
-    first = Solution(start, jnp.zeros((len(labels), *start.shape[1:]), start.dtype))
+    solution = Solution(start, jnp.zeros((len(labels), *start.shape[1:]), start.dtype))
     return Method(
-        _ApgState(first, first, jnp.ones((), start.dtype)),
+        _ApgState(solution, solution, jnp.ones((), start.dtype)),
         step,
         lambda state: (state.solution.beta, None),
     )
