@@ -130,7 +130,7 @@ def start(command: Sequence[Any], checkout: Path) -> Worker:
 
 
 def first_boxes(worker: Worker, checkout: Path) -> NDArray[np.float32]:
-    """The boxes [B, T, 4] that the process writes first; RuntimeError where dcs_jax is another."""
+    """The boxes [B, T, 4] that the process writes first; RuntimeError if not of this checkout."""
     first = worker.read()
     if not Path(first["package"]).resolve().is_relative_to(checkout.resolve()):
         raise RuntimeError(f"{checkout} has no dcs_jax: {first['package']} was run")

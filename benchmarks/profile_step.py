@@ -2,11 +2,11 @@
 
     python -m benchmarks.profile_step [SEQUENCE] [--setting 'default selectors=20'] [--frames 20]
 
-Tracks under JAX's profiler, and adds up the times of XLA's operations by the stage they are part
-of: the outermost `jax.named_scope` of the tracker around them. The profiler adds a little to every
-operation, most where they are many and small, and what XLA fuses across stages counts for the last
-of them: below the table the sum stands beside the time of a step without the profiler. SEQUENCE is
-the folder of a sequence; without it a rendered clip is tracked.
+Tracks under JAX's profiler, and adds up the times of XLA's operations by stage: the outermost
+`jax.named_scope` of the tracker around an operation. The profiler adds some tenths of a microsecond
+to each operation, so a stage of many small ones takes less than it says, and what XLA fuses across
+stages counts for the last one. Below the table are the sum and the time of a step without the
+profiler. SEQUENCE is the folder of a sequence; without it a rendered clip is tracked.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from dcs_jax.runners.sequence import init_track, track_chunk
 
 ROUNDS = 9  # without the profiler
 OTHER = "other"
-# In the path of an operation's name: what JAX adds for its own functions and for control flow.
+# What JAX adds to the path of an operation for functions and control flow.
 WRAPPER = re.compile(r".*\(.*\)|while|body|cond|closed_call|branch_\d+_fun")
 # Operations that run others, whose times would count twice.
 CONTAINERS = ("while", "conditional", "call")

@@ -1,12 +1,12 @@
-"""The figures of speed, all in one run, as a table in Markdown beside what is asked for.
+"""All figures of speed in one run, as a table in Markdown with what is asked for.
 
     python -m benchmarks.run [ROOT] [--quick] [--only single,batch] [--plots docs]
 
-ROOT is a folder of sequences as for `dcs-jax evaluate`; without it a rendered clip stands in for
-the sequence, and the seeds of the sequences are left out. What is compared takes turns; a figure is
-the median of --rounds (least to greatest). --python names the Python of an environment with the
+ROOT is a folder of sequences as for `dcs-jax evaluate`; without it a rendered clip replaces the
+sequence, and the seeds of the sequences are left out. Calls that are compared take turns; a figure
+is the median of --rounds (least to greatest). --python is the Python of an environment with the
 contrib wheel of OpenCV, for KCF and CSRT on the same frames. A case that fails has a row that says
-so, and the exit code is 1. --plots writes how time and memory grow as growth.png into a folder.
+so, and the exit code is 1. --plots writes growth.png, how time and memory grow, into a folder.
 """
 
 import argparse
@@ -97,7 +97,7 @@ def main(command_line: Sequence[str] | None = None) -> int:
 
 
 def guarded(name: str, inputs: Inputs) -> Iterator[Row | Panel]:
-    """What a case gives, as soon as it does; what fails in it is a row and does not end the run."""
+    """What a case yields; an exception in it is a row too, and does not end the run."""
     try:
         yield from CASES[name](inputs)
     except Exception as error:
@@ -161,7 +161,7 @@ def single(inputs: Inputs) -> Iterator[Row | Panel]:
 
 
 def targets(inputs: Inputs) -> Iterator[Row | Panel]:
-    """32 targets in one video, one target, and a loop over as many of OpenCV's MIL."""
+    """32 targets in one video, one target, and a loop over 32 of OpenCV's MIL."""
     chunks, updates = (1, 2) if inputs.quick else (4, 8)
     frames = inputs.frames[: 1 + 32 * chunks]
     boxes = around(inputs.box, TARGETS)
