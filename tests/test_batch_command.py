@@ -316,7 +316,11 @@ def busy_workers(parent):
             process = parents[process]
         return process == parent
 
-    return [n for n, title in titles.items() if title.startswith(b"ray::_do") and is_below(n)]
+    return [
+        n
+        for n, title in titles.items()
+        if title.startswith(b"ray::_values_and_frames") and is_below(n)
+    ]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
