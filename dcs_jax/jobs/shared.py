@@ -5,7 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
-from dcs_jax.io.frames import BrokenSource, Frame, FrameSource
+from dcs_jax.io.frames import BrokenSource, FrameSource, Image
 
 
 class SharedFrames:
@@ -19,12 +19,12 @@ class SharedFrames:
     def __init__(self, source: FrameSource) -> None:
         self._source = source
         self._decoding = iter(source)
-        self._kept: deque[Frame] = deque()
+        self._kept: deque[Image] = deque()
         self._next = source.start  # index of the next frame to decode; those before it are kept
         self._positions: list[float] = []  # index of the frame that each reader reads next
         self._lock = threading.Lock()
 
-    def reader(self, start: int, end: int | None) -> Iterator[Frame]:
+    def reader(self, start: int, end: int | None) -> Iterator[Image]:
         """The frames from `start` to before `end`, None for all.
 
         All readers have to be made before the first of them is read. Reading raises what the source
@@ -33,7 +33,7 @@ class SharedFrames:
         self._positions.append(start)
         return self._read(len(self._positions) - 1, start, end)
 
-    def _read(self, reader: int, start: int, end: int | None) -> Iterator[Frame]:
+    def _read(self, reader: int, start: int, end: int | None) -> Iterator[Image]:
         index = start
         try:
             while end is None or index < end:
@@ -53,8 +53,8 @@ class SharedFrames:
                 index,
             )
 
-    def _frame(self, index: int) -> Frame | None:
-        """Frame `index`, decoded now or kept; None if the source ends before it."""
+    def _frame(self, index: int) -> Image | None:
+        """Image `index`, decoded now or kept; None if the source ends before it."""
         while self._next <= index:
             frame = next(self._decoding, None)
             if frame is None:

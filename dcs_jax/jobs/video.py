@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box
 from dcs_jax.config import Config
-from dcs_jax.io.frames import Frame, FrameSource, open_source
+from dcs_jax.io.frames import FrameSource, Image, open_source
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.shared import SharedFrames
 from dcs_jax.runners.stream import Chunk, track_stream
@@ -162,7 +162,7 @@ def _compile_once(shape: tuple[int, int, int], boxes: NDArray[np.float32], confi
 
 
 def _track(
-    frames: Iterable[Frame], boxes: NDArray[np.float32], key: jax.Array, config: Config
+    frames: Iterable[Image], boxes: NDArray[np.float32], key: jax.Array, config: Config
 ) -> Iterator[Chunk]:
     """`track_stream`, but the first frame is read with the first chunk, not with the call."""
     yield from track_stream(frames, boxes, key, config, slots=_num_slots(len(boxes)))
