@@ -108,5 +108,5 @@ def _content(source: str) -> list[Any]:
     else:
         inner = path / "img"
         files = sorted((inner if inner.is_dir() else path).iterdir())
-    found = [(file.name, file.stat()) for file in files]
-    return [(name, status.st_size, status.st_mtime_ns) for name, status in found]
+    statuses = [(file.name, file.stat()) for file in files]
+    return [(name, status.st_size, status.st_mtime_ns) for name, status in statuses]
