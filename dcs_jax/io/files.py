@@ -1,8 +1,10 @@
 """Files that are never half there, and names that are safe on any file system."""
 
+import csv
 import os
 import re
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any
 
@@ -30,6 +32,14 @@ class atomic:  # noqa: N801 (reads as a verb: with atomic(path) as file)
             os.replace(self._temporary, self._path)
         else:
             os.unlink(self._temporary)
+
+
+def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a CSV file with a header; it takes its name only when all rows are written."""
+    with atomic(path, text=True) as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(header)
+        table.writerows(rows)
 
 
 def safe_name(name: str) -> str:
