@@ -1,10 +1,10 @@
 """Does the noise vector find wrong labels? `python -m benchmarks.bench_label_noise [--seeds 5]`
 
-Decision stumps on three data sets that scikit-learn ships, half of the rows for training with a
-part of their labels flipped. Printed, as means over seeds: the area under the ROC curve of |noise|
+Decision stumps on three data sets that scikit-learn ships, half of the samples for training with a
+share of their labels flipped. Printed, as means over seeds: the area under the ROC curve of |noise|
 for finding the flipped labels, and the accuracy of the selected ensemble, sign(Phi beta), on the
-other half with true labels. Beside it: the stumps of least error, AdaBoost, and cleanlab with
-logistic regression (its accuracy is that of the same model without the rows it trusts least).
+other half with true labels. For comparison: the stumps of least error, AdaBoost, and cleanlab with
+logistic regression (its accuracy is that of the same model without the samples it trusts least).
 """
 
 import argparse
@@ -27,31 +27,34 @@ FLIPPED = (0.05, 0.10, 0.20, 0.30)
 PAPER = 0.01  # lambda of both penalties
 THRESHOLDS = 9  # per feature, at equally spaced quantiles
 LEAST_ERROR = 20  # stumps of the ensemble by accumulated error
-# (lam / (L lam_noise), lam_noise). With saturated noise the first is the share of all rows by which
-# a stump must be right more often than wrong to be worth a place.
+# (lam / (L lam_noise), lam_noise). With saturated noise the first is the share of all samples by
+# which a stump must be right more often than wrong to be selected.
 PENALTIES = tuple(itertools.product((0.003, 0.02, 0.1, 0.3), (0.01, 0.3, 1.0)))
 
 
 def data(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Rows [n, features] and labels in {-1, 1}: wine 1 against 2 and 3, digits 0 to 4, the rest."""
+    """Samples [n, features] and labels in {-1, 1}.
+
+    One wine against the other two, digits 0 to 4 against 5 to 9.
+    """
     load = {"breast_cancer": load_breast_cancer, "wine": load_wine, "digits": load_digits}[name]
-    rows, target = load(return_X_y=True)
+    samples, target = load(return_X_y=True)
     positive = {"breast_cancer": target == 1, "wine": target == 1, "digits": target < 5}[name]
-    return rows, np.where(positive, 1.0, -1.0)
+    return samples, np.where(positive, 1.0, -1.0)
 
 
-def stumps(train: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Votes of one stump for each feature, threshold and sign: [rows, stumps]."""
+def stumps(train: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Votes of one stump for each feature, threshold and sign: [samples, stumps]."""
     cuts = np.quantile(train, np.linspace(0, 1, THRESHOLDS + 2)[1:-1], axis=0)
-    signs = np.where(rows[:, None] > cuts, 1.0, -1.0).reshape(len(rows), -1)
+    signs = np.where(samples[:, None] > cuts, 1.0, -1.0).reshape(len(samples), -1)
     return np.hstack([signs, -signs])
 
 
 def one(name: str, part: float, seed: int) -> dict[str, tuple[float, float]]:
     """(AUC, accuracy) of each method; nan where a method has none."""
-    rows, truth = data(name)
+    samples, truth = data(name)
     train, test, clean, expected = train_test_split(
-        rows, truth, test_size=0.5, random_state=seed, stratify=truth
+        samples, truth, test_size=0.5, random_state=seed, stratify=truth
     )
     generator = np.random.default_rng(seed)
     flipped = np.zeros(len(clean), bool)
@@ -86,9 +89,9 @@ def one(name: str, part: float, seed: int) -> dict[str, tuple[float, float]]:
         accuracy(boosted.decision_function(test)),
     )
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
-    given = (labels > 0).astype(int)
-    out_of_sample = cross_val_predict(model, train, given, cv=5, method="predict_proba")
-    quality = get_label_quality_scores(given, out_of_sample)
+    classes = (labels > 0).astype(int)
+    out_of_sample = cross_val_predict(model, train, classes, cv=5, method="predict_proba")
+    quality = get_label_quality_scores(classes, out_of_sample)
     kept = quality > np.quantile(quality, part)
     results["cleanlab"] = (
         roc_auc_score(flipped, -quality),
@@ -98,7 +101,7 @@ def one(name: str, part: float, seed: int) -> dict[str, tuple[float, float]]:
 
 
 def main() -> None:
-    """Print a table for each data set: AUC / accuracy by part of flipped labels."""
+    """Print a table for each data set: AUC / accuracy by share of flipped labels."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
     seeds = range(parser.parse_args().seeds)

@@ -1,9 +1,9 @@
 """The selection solvers side by side: pytest benchmarks/bench_selection.py
 
-Problems have correlated votes, 15 % flipped labels and lambda = 0.01, the same in every run. Beside
-the time, `extra_info` holds the quality reached: `gap`, how far the worst problem's objective is
-above the least one, relative to it (the same measure for every solver, in float64), and the
-solver's own certificate where it has one. Solvers that take one problem at a time get five.
+Problems have correlated votes, 15 % flipped labels and lambda = 0.01, the same in every run. With
+the time, `extra_info` holds the quality reached: `gap`, the distance of the worst problem's
+objective to its minimum, relative to the minimum (the same measure for every solver, in float64),
+and the solver's own certificate where it has one. Solvers of one problem at a time get five.
 """
 
 import warnings
@@ -141,7 +141,7 @@ def test_one_by_one_of_100_x_200(benchmark, make, tol):
 
 @pytest.mark.parametrize("settings", [{"tol": 1e-3}, {"tol": None, "max_iterations": 30}])
 def test_100_of_the_tracker(benchmark, settings):
-    """8 rows, 5 of them distinct."""
+    """L = 8 samples, R = 5 distinct ones."""
     votes, labels = problems(100, 5, 200)
     votes_there, labels_there = jax.device_put((votes, labels))
     weights = jax.device_put(np.array([4, 1, 1, 1, 1], np.float32))

@@ -1,6 +1,9 @@
-"""Follow any box through a video: online boosting with l1-selected classifiers, in JAX."""
+"""Follow any box through a video: online boosting with l1-selected classifiers, in JAX.
 
-from dcs_jax.config import Config
+Only the names here and in the submodules `evaluation`, `jobs` and `synthetic` are stable.
+"""
+
+from dcs_jax.config import Config, Redetection, ScaleFilter, TranslationFilter, Verification
 from dcs_jax.runners.batch import track_batch
 from dcs_jax.runners.sequence import track_chunk, track_sequence
 from dcs_jax.runners.stream import Chunk, Stream, track_stream
@@ -11,11 +14,15 @@ from dcs_jax.types import State, StepInfo, Track
 __all__ = [
     "Chunk",
     "Config",
+    "Redetection",
+    "ScaleFilter",
     "Selection",
     "State",
     "StepInfo",
     "Stream",
     "Track",
+    "TranslationFilter",
+    "Verification",
     "init",
     "score",
     "select_classifiers",

@@ -1,7 +1,7 @@
-"""Checks of what users pass in: a ValueError says what was given and what was expected.
+"""Checks of arguments: a ValueError says what was expected and what was passed.
 
-All of them look at shapes, types and concrete values only, so they run before any compilation;
-inside a transformation, where a value is not known yet, only its shape is looked at.
+They need shapes, types and concrete values only, so they run before any compilation. Inside a
+transformation, where values are not known yet, they check shapes.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import numpy as np
 
 from dcs_jax.types import BoxLike
 
-# Below this a part is less than two pixels wide, and no feature on it sees anything.
+# Pixels. On a smaller box a part is less than two pixels wide: too little for any feature.
 SMALLEST_SIDE = 4
 
 
@@ -23,16 +23,14 @@ def check_frames(frames: Any) -> None:
 
 
 def check_videos(frames: Any) -> bool:
-    """Whether frames are many videos, [B, T, H, W] or [B, T, H, W, 3], and not one.
+    """True for many videos, [B, T, H, W] or [B, T, H, W, 3], false for one.
 
     Four axes with 3 at the end are one RGB video.
 
     Raises ValueError unless frames is a uint8 array of one or the other, with no empty side.
     """
-    many = getattr(frames, "ndim", 0) == 5 or (
-        getattr(frames, "ndim", 0) == 4 and frames.shape[-1] != 3
-    )
-    if not many:
+    rank = getattr(frames, "ndim", 0)
+    if rank != 5 and not (rank == 4 and frames.shape[-1] != 3):
         check_frames(frames)
         return False
     _check_images("frames", frames, "[B, T, H, W] grey or [B, T, H, W, 3] RGB", rank=4)
@@ -78,7 +76,7 @@ def check_box(box: BoxLike, frame_shape: tuple[int, ...]) -> None:
 
 
 def check_boxes(boxes: Any, frame_shape: tuple[int, ...]) -> np.ndarray:
-    """The boxes as an array [B, 4] float32; ValueError unless each is one for `check_box`."""
+    """The boxes as an array [B, 4] float32; ValueError unless each one passes `check_box`."""
     expected = "boxes must be [B, 4], x, y, w, h in pixels of at least one box"
     try:
         values = np.asarray(boxes, np.float64)
@@ -95,7 +93,7 @@ def check_boxes(boxes: Any, frame_shape: tuple[int, ...]) -> np.ndarray:
 
 
 def check_keys(keys: Any, count: int) -> jax.Array:
-    """One key or `count` of them, by default the key 0; ValueError where they are anything else."""
+    """The keys, by default the key 0; ValueError unless they are one key or `count` keys."""
     if keys is None:
         return jax.random.key(0)
     if isinstance(keys, jax.Array) and keys.shape == (count,):
@@ -135,10 +133,10 @@ def as_numbers(
 ) -> jax.Array:
     """The values as an array of this type.
 
-    shape: what its last dimensions must be; any dimensions may lead.
+    shape: last dimensions of the array; any dimensions may precede them.
 
-    Raises ValueError unless they are real numbers, and where they are known, finite in this type
-    and at least `least`.
+    Raises ValueError unless the values are real numbers, and where they are known, finite in this
+    type and at least `least`.
     """
     try:
         array = values if isinstance(values, jax.Array) else np.asarray(values)

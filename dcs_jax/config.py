@@ -1,8 +1,10 @@
-"""The settings of a track, checked when they are made."""
+"""The settings of a track: the paper's, and a group for each component beyond it."""
 
 import dataclasses
+import functools
 import math
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
@@ -12,112 +14,302 @@ from dcs_jax.types import BoxLike
 Selector = Literal["l1", "error", "mil", "first"]
 TieRule = Literal["first", "error"]
 WeakRule = Literal["midpoint", "gaussian"]
+OutputSize = Literal["estimated", "initial"]
+Number = float | jax.Array
+Check = Callable[[str, Any], None]  # of a field's name and value; raises ValueError
 
 
-def _static(default: Any) -> Any:
+def _check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, but is {value!r}")
+
+
+def _check_count(name: str, value: Any, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
+
+
+def _check_odd(name: str, value: Any) -> None:
+    _check_count(name, value, 3)
+    if value % 2 == 0:
+        raise ValueError(
+            f"{name} must be odd, so that the last scale is in the middle, but is {value}"
+        )
+
+
+def _check_between(name: str, value: Any, expected: str, low: float, high: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low < value < high:
+        raise ValueError(f"{name} must be {expected}, but is {value!r}")
+
+
+def _check_canvas(name: str, value: Any) -> None:
+    sides = value if isinstance(value, tuple) else (value, value)
+    if value != "native" and not (
+        len(sides) == 2 and all(isinstance(side, int) and side >= 4 for side in sides)
+    ):
+        raise ValueError(
+            f'{name} must be "native", an integer of at least 4 or two of them, but is {value!r}'
+        )
+
+
+def _check_numbers(name: str, value: Any, expected: str, least: float, limit: float) -> None:
+    """ValueError unless value is a number, or an array of numbers, in [least, limit).
+
+    Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
+    no value to look at, and in `track_batch` around arrays whose values lie in other processes:
+    they pass.
+    """
+    if isinstance(value, (str, bytes, list, dict, tuple)):
+        raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
+    if isinstance(value, (bool, jax.core.Tracer)) or not isinstance(
+        value, (int, float, np.number, np.ndarray, jax.Array)
+    ):
+        return
+    if isinstance(value, jax.Array) and not value.is_fully_addressable:
+        return
+    numbers = np.asarray(value)
+    if not ((numbers >= least) & (numbers < limit)).all():
+        raise ValueError(f"{name} must be {expected}, but is {value}")
+
+
+def _check_group(name: str, value: Any, group: type) -> None:
+    # Other objects are JAX's placeholders, as in `_check_numbers`.
+    if isinstance(value, (bool, int, float, str, tuple, list, dict, np.ndarray)):
+        raise ValueError(f"{name} must be a dcs_jax.{group.__name__} or None, but is {value!r}")
+
+
+def _static(default: Any, check: Callable[..., None], **limits: Any) -> Any:
     """A field that defines shapes or chooses code: part of what is compiled."""
-    return dataclasses.field(default=default, metadata={"static": True})
+    metadata = {"static": True, "check": functools.partial(check, **limits)}
+    return dataclasses.field(default=default, metadata=metadata)
 
 
+def _choice(default: Any, *choices: Any) -> Any:
+    return _static(default, _check_choice, choices=choices)
+
+
+def _count(default: int) -> Any:
+    return _static(default, _check_count, least=1)
+
+
+def _number(default: float, expected: str, least: float, limit: float = math.inf) -> Any:
+    """A field that is a leaf of the pytree, in [least, limit): it can be swept and vmapped."""
+    check = functools.partial(_check_numbers, expected=expected, least=least, limit=limit)
+    return dataclasses.field(default=default, metadata={"check": check})
+
+
+def _not_negative(default: float) -> Any:
+    return _number(default, "finite and not negative", 0)
+
+
+def _share(default: float) -> Any:
+    return _number(default, "from 0 to 1", 0, 1 + 1e-6)
+
+
+def _group(group: type) -> Any:
+    check = functools.partial(_check_group, group=group)
+    return dataclasses.field(default=group(), metadata={"check": check})
+
+
+def _check_fields(settings: Any) -> None:
+    """ValueError where a field is not as its metadata demands."""
+    for field in dataclasses.fields(settings):
+        check: Check = field.metadata["check"]
+        check(field.name, getattr(settings, field.name))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TranslationFilter:
+    """A correlation filter as one more cue of the position (`extensions.translation`)."""
+
+    weight: Number = _not_negative(15.0)
+    """Weight of the response, about 1 where the filter is sure, in the score map."""
+    learning_rate: Number = _share(0.02)
+    """Weight of the present frame in the running mean of the filter, in [0, 1]."""
+    first_frame: Number = _share(0.4)
+    """Weight of the first frame's filter in the response, in [0, 1]: against slow drift."""
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ScaleFilter:
+    """A correlation filter over scales that estimates the object's (`extensions.scale`)."""
+
+    num_scales: int = _static(11, _check_odd)
+    """S, scales compared in a frame, an odd number. Static."""
+    step: float = _static(1.04, _check_between, expected="above 1 and below 2", low=1, high=2)
+    """Ratio of a scale to the next smaller one, above 1 and below 2. Static."""
+    learning_rate: Number = _share(0.025)
+    """Weight of the present frame in the running mean of the filter, in [0, 1]."""
+    initial_pull: Number = _share(0.04)
+    """Pull of the estimated scale towards the initial one, in [0, 1]: each frame moves the log
+    scale back by pull * (1 - similarity) of its distance. Without verification there is no pull."""
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Comparison of the candidate with the object's templates (`extensions.verification`).
+
+    A track then learns only where the object is verified, and says when it is lost.
+    """
+
+    middle: Number = _number(0.3, "from -1 to 1", -1, 1 + 1e-6)
+    """Similarity, a cosine, at which the confidence is 1/2."""
+    slope: Number = _not_negative(10.0)
+    """Slope of confidence = 1 / (1 + exp(-slope * (similarity - middle))). Both were fitted to
+    tracks of seven labelled sequences and variants of them: of the boxes that overlap the object by
+    more than half nine in ten have a similarity to the initial template above 0.2, of the others
+    one in ten has one above 0.4."""
+    template_rate: Number = _share(0.05)
+    """Learning rate of the online template, in [0, 1]."""
+    template_penalty: Number = _not_negative(0.1)
+    """Reduction of the similarity to the online template, which may have drifted; a cosine."""
+    learn_above: Number = _share(0.7)
+    """Confidence above which a frame is learned from, and the scale followed."""
+    lost_below: Number = _share(0.5)
+    """Confidence up to which the object counts as missed in a frame."""
+    recover_above: Number = _share(0.9)
+    """Confidence above which a lost object is held again."""
+    patience: int | jax.Array = _number(5, "at least 1", 1)
+    """Frames in a row in which the object is missed before it is lost."""
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Redetection:
+    """Search of the whole frame for an object that was missed (`extensions.redetection`)."""
+
+    windows: int = _count(2)
+    """Search windows a frame, in addition to that around the last position. Static."""
+    accept_above: Number = _share(0.9)
+    """Confidence above which the object is accepted in one of them."""
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+
+
+# Names of earlier versions, and what replaced them.
+RENAMED = {
+    "extras": "translation, scale, verification and redetection, each None to switch it off",
+    "sizes": "scale.num_scales",
+    "size_step": "scale.step",
+    "size_rate": "scale.learning_rate",
+    "size_pull": "scale.initial_pull",
+    "place_weight": "translation.weight",
+    "place_rate": "translation.learning_rate",
+    "anchor": "translation.first_frame",
+    "recent_penalty": "verification.template_penalty",
+    "recent_rate": "verification.template_rate",
+    "confidence_middle": "verification.middle",
+    "confidence_slope": "verification.slope",
+    "learn_above": "verification.learn_above",
+    "lost_below": "verification.lost_below",
+    "patience": "verification.patience",
+    "found_above": "verification.recover_above and redetection.accept_above",
+}
+_Class = TypeVar("_Class")
+
+
+def check_not_renamed(name: str, value: Any) -> None:
+    """ValueError where a field of Config had this name, or took this value, in earlier versions."""
+    if name == "scale" and isinstance(value, bool):
+        size = "estimated" if value else "initial"
+        raise ValueError(f"scale={value} is now output_size={size!r}")
+    if name in RENAMED:
+        raise ValueError(f"{name} is now {RENAMED[name]}")
+
+
+def _refuse_old_names(config: type[_Class]) -> type[_Class]:
+    # Not as attributes: mypy does not know that it is this class itself, and no subclass.
+    make: Callable[..., None] = getattr(config, "__init__")  # noqa: B009
+
+    @functools.wraps(make)
+    def checked(self: Any, **fields: Any) -> None:
+        for name, value in fields.items():
+            check_not_renamed(name, value)
+        make(self, **fields)
+
+    setattr(config, "__init__", checked)  # noqa: B010
+    return config
+
+
+@_refuse_old_names
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Config:
     """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
 
-    A pytree: the numbers are its leaves, so changing one compiles nothing and an array of them can
-    be vmapped over; the other fields are static. `dataclasses.replace` changes fields.
+    A pytree: the numbers are its leaves, so another value compiles nothing, and an array of them
+    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The four
+    groups are what the default has beyond the paper: None switches one off.
 
-    Static fields:
-        canvas: cells per side of the object, whatever its size in pixels, or (rows, columns); or
-            "native", one cell a pixel of the given box (the paper's setting, compiled anew for
-            every size of box).
-        window_factor: side of the search window in object sides, above 1.
-        window_minimum: the least side of the search window in pixels (the paper: 100).
-        parts: 1 (the whole object), 5 (and its halves, the paper's) or 9 (and its quadrants).
-        selectors: N, the weak classifiers a strong part classifier adds up.
-        pool_size: M, the weak classifiers each selector chooses from.
-        selector: how it chooses: "l1" by non-negative l1 minimisation with label noise (the paper's
-            "w/ l1"), "error" by the least accumulated error ("w/o l1"), "mil" by the bag likelihood
-            (Babenko et al., CVPR 2009), "first" as the first without error in this frame.
-        tie: which of several equally good classifiers "l1" takes: "first", the first one of the
-            pool, or "error", the one of least accumulated error, with which the target is lost.
-        weak: how a weak classifier decides: "midpoint" by the nearer class mean, "gaussian" by the
-            likelier class (eq. 16).
-        iterations: accelerated proximal gradient steps of the "l1" selector.
-        first_updates: updates on the rows of the first frame.
-        extras: what the paper does not have: a correlation filter as one more witness of the
-            place, the object's size, recognition of the object, with which a track learns only
-            where it is recognised, says when it is lost, and finds it again.
-        scale: whether the box follows the size of the object, its aspect ratio kept. False: the box
-            keeps its given size, around the object's middle (the search follows its size all the
-            same). Without extras it has no effect.
-        sizes: S, how many sizes are looked at in a frame, an odd number.
-        size_step: ratio of one of them to the next, above 1.
-
-    Numbers:
-        block: the largest base block of a feature, in sides of its part, above 0 and at most 1 (the
-            paper's code: 1/5, on some sequences 1).
-        lam: weight lambda of the l1 penalty (eq. 14), not negative.
-        smoothing: standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none.
-        overhang: how far the box may move out of the frame, in sides of the object, not negative;
-            0: not at all, as the paper's window, which is clipped to the frame.
-        prior: what a displacement of d costs, prior * d^2 / (w h), on the scale of
-            -log(1 - Noisy-OR); 0: every place in the window is as likely (the paper's setting).
-        place_weight: what the place filter's answer, about 1 where it is sure, adds on that scale.
-        place_rate, size_rate: share of the present frame in the filters, in [0, 1].
-        anchor: share of the first frame's place filter in the answer, in [0, 1].
-        size_pull: how strongly the size is drawn to that of the given box: the share of the
-            distance, of logarithms, that is taken back in a frame in which the object is not alike
-            at all; in [0, 1].
-        recent_penalty: how much less the likeness to the recent appearance counts, a cosine.
-        recent_rate: share of the present frame in the recent appearance, in [0, 1].
-        confidence_middle, confidence_slope: confidence is
-            1 / (1 + exp(-slope (similarity - middle))). Set from tracks of seven labelled sequences
-            and variants of them: of the boxes that overlap the object by more than half nine in ten
-            have a similarity to its first appearance above 0.2, of the others one in ten has one
-            above 0.4.
-        learn_above: the confidence above which a frame is learned from, and the size followed.
-        lost_below, patience: the object is lost after so many frames below this confidence.
-        found_above: the confidence above which a lost object is found at its own place, and one
-            that was missed in the last frame elsewhere.
-
-    Raises ValueError where a value is out of its range.
+    Raises ValueError where a value is out of its range, or a name is of an earlier version.
     """
 
-    canvas: int | tuple[int, int] | Literal["native"] = _static(40)
-    window_factor: float = _static(2.5)
-    window_minimum: float = _static(0.0)
-    parts: Literal[1, 5, 9] = _static(9)
-    selectors: int = _static(40)
-    pool_size: int = _static(50)
-    selector: Selector = _static("l1")
-    tie: TieRule = _static("first")
-    weak: WeakRule = _static("midpoint")
-    iterations: int = _static(10)
-    first_updates: int = _static(50)
-    extras: bool = _static(True)
-    scale: bool = _static(True)
-    sizes: int = _static(11)
-    size_step: float = _static(1.04)
+    canvas: int | tuple[int, int] | Literal["native"] = _static(40, _check_canvas)
+    """Cells per side of the object, whatever its size in pixels, or (rows, columns); or "native",
+    one cell a pixel of the initial box (the paper's setting, compiled for every size of box)."""
+    window_factor: float = _static(
+        2.5, _check_between, expected="finite and above 1", low=1, high=math.inf
+    )
+    """Side of the search window in object sides, above 1."""
+    window_minimum: float = _static(
+        0.0, _check_numbers, expected="finite and not negative", least=0, limit=math.inf
+    )
+    """Least side of the search window in pixels (the paper: 100)."""
+    parts: Literal[1, 5, 9] = _choice(9, 1, 5, 9)
+    """K: 1 (the whole object), 5 (and its halves, the paper's) or 9 (and its quadrants)."""
+    selectors: int = _count(40)
+    """N, weak classifiers that a strong part classifier adds up."""
+    pool_size: int = _count(50)
+    """M, weak classifiers that each selector chooses from."""
+    selector: Selector = _choice("l1", "l1", "error", "mil", "first")
+    """How a selector chooses: "l1" by non-negative l1 minimisation with label noise (the paper's
+    "w/ l1"), "error" by the least accumulated error ("w/o l1"), "mil" by the bag likelihood
+    (Babenko et al., CVPR 2009), "first" as the first without error in this frame."""
+    tie: TieRule = _choice("first", "first", "error")
+    """Which of several equally good classifiers "l1" takes: "first", the first one of the pool, or
+    "error", the one of least accumulated error, with which the target is lost."""
+    weak: WeakRule = _choice("midpoint", "midpoint", "gaussian")
+    """How a weak classifier decides: "midpoint" by the nearer class mean, "gaussian" by the
+    likelier class (eq. 16)."""
+    iterations: int = _count(10)
+    """Accelerated proximal gradient steps of the "l1" selector."""
+    first_updates: int = _count(50)
+    """Updates on the training samples of the first frame."""
+    output_size: OutputSize = _choice("estimated", "estimated", "initial")
+    """Size of the boxes of a track: "estimated", that of the scale filter, or "initial", that of
+    the initial box around the estimated centre. The search follows the estimate in both."""
 
-    block: float | jax.Array = 1 / 3
-    lam: float | jax.Array = 0.01
-    smoothing: float | jax.Array = 1.5
-    overhang: float | jax.Array = 0.0
-    prior: float | jax.Array = 0.6
-    place_weight: float | jax.Array = 15.0
-    place_rate: float | jax.Array = 0.02
-    size_rate: float | jax.Array = 0.025
-    anchor: float | jax.Array = 0.4
-    size_pull: float | jax.Array = 0.04
-    recent_penalty: float | jax.Array = 0.1
-    recent_rate: float | jax.Array = 0.05
-    confidence_middle: float | jax.Array = 0.3
-    confidence_slope: float | jax.Array = 10.0
-    learn_above: float | jax.Array = 0.7
-    lost_below: float | jax.Array = 0.5
-    patience: int | jax.Array = 5
-    found_above: float | jax.Array = 0.9
+    block: Number = _number(1 / 3, "above 0 and at most 1", 1e-6, 1 + 1e-6)
+    """Largest base block of a feature, in sides of its part, above 0 and at most 1 (the paper's
+    code: 1/5, on some sequences 1)."""
+    lam: Number = _not_negative(0.01)
+    """Weight lambda of the l1 penalty (eq. 14), not negative."""
+    smoothing: Number = _not_negative(1.5)
+    """Standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none."""
+    overhang: Number = _not_negative(0.0)
+    """How far the box may move out of the frame, in sides of the object, not negative; 0: not at
+    all, as the paper's window, which is clipped to the frame."""
+    prior: Number = _not_negative(0.6)
+    """Motion prior: a displacement of d costs prior * d^2 / (w h), on the scale of
+    -log(1 - Noisy-OR); 0: every position in the window is as likely (the paper's setting)."""
+
+    translation: TranslationFilter | None = _group(TranslationFilter)
+    scale: ScaleFilter | None = _group(ScaleFilter)
+    verification: Verification | None = _group(Verification)
+    redetection: Redetection | None = _group(Redetection)
 
     @classmethod
     def paper(cls, **changes: Any) -> "Config":
@@ -133,49 +325,17 @@ class Config:
             "block": 0.2,
             "smoothing": 0.5,
             "prior": 0.0,
-            "extras": False,
+            **dict.fromkeys(COMPONENTS),
         }
         return cls(**(preset | changes))
 
     def __post_init__(self) -> None:
-        for name, choices in _CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise ValueError(
-                    f"{name} must be one of {', '.join(map(repr, choices))}, "
-                    f"but is {getattr(self, name)!r}"
-                )
-        for name, least in _LEAST_COUNT.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
-        sides = self.canvas if isinstance(self.canvas, tuple) else (self.canvas, self.canvas)
-        if self.canvas != "native" and not (
-            len(sides) == 2 and all(isinstance(side, int) and side >= 4 for side in sides)
-        ):
+        _check_fields(self)
+        if self.redetection is not None and self.verification is None:
             raise ValueError(
-                'canvas must be "native", an integer of at least 4 or two of them, '
-                f"but is {self.canvas!r}"
+                "redetection needs verification, which says when the object is missed: "
+                "set both to None, or neither"
             )
-        if not 1 < self.window_factor < math.inf:
-            raise ValueError(
-                f"window_factor must be finite and above 1, but is {self.window_factor!r}"
-            )
-        if not 1 < self.size_step < 2:
-            raise ValueError(f"size_step must be above 1 and below 2, but is {self.size_step!r}")
-        for name in ("extras", "scale"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name} must be True or False, but is {getattr(self, name)!r}")
-        if self.sizes % 2 == 0:
-            raise ValueError(
-                f"sizes must be odd, so that the last size is in the middle, but is {self.sizes}"
-            )
-        for name in _NOT_NEGATIVE:
-            _check_range(name, getattr(self, name), "finite and not negative", 0, math.inf)
-        for name in _SHARES:
-            _check_range(name, getattr(self, name), "from 0 to 1", 0, 1 + 1e-6)
-        _check_range("patience", self.patience, "at least 1", 1, math.inf)
-        _check_range("confidence_middle", self.confidence_middle, "from -1 to 1", -1, 1 + 1e-6)
-        _check_range("block", self.block, "above 0 and at most 1", 1e-6, 1 + 1e-6)
 
     @property
     def grid(self) -> "Grid":
@@ -204,6 +364,10 @@ class Config:
         canvas = (round(height), round(width)) if self.canvas == "native" else self.canvas
         factor = max(self.window_factor, *(self.window_minimum / side for side in (width, height)))
         return dataclasses.replace(self, canvas=canvas, window_factor=factor, window_minimum=0.0)
+
+
+# The groups: what the default has beyond the paper.
+COMPONENTS = ("translation", "scale", "verification", "redetection")
 
 
 def resolve_all(config: Config, boxes: np.ndarray) -> Config:
@@ -241,54 +405,5 @@ class Grid:
 
     @property
     def positions(self) -> tuple[int, int]:
-        """Candidate places of the object in the window, per axis: the middle one is no motion."""
+        """Candidate positions in the window, per axis: the middle one is no motion."""
         return 2 * self.margin_rows + 1, 2 * self.margin_columns + 1
-
-
-_CHOICES = {
-    "parts": (1, 5, 9),
-    "selector": ("l1", "error", "mil", "first"),
-    "tie": ("first", "error"),
-    "weak": ("midpoint", "gaussian"),
-}
-_LEAST_COUNT = {"selectors": 1, "pool_size": 1, "iterations": 1, "first_updates": 1, "sizes": 3}
-_NOT_NEGATIVE = (
-    "window_minimum",
-    "lam",
-    "smoothing",
-    "overhang",
-    "prior",
-    "place_weight",
-    "recent_penalty",
-    "confidence_slope",
-)
-_SHARES = (
-    "place_rate",
-    "size_rate",
-    "anchor",
-    "size_pull",
-    "recent_rate",
-    "learn_above",
-    "lost_below",
-    "found_above",
-)
-
-
-def _check_range(name: str, value: Any, expected: str, least: float, limit: float) -> None:
-    """ValueError unless value is a number, or an array of numbers, in [least, limit).
-
-    Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
-    no value to look at, and in `track_batch` around arrays whose values lie in other processes:
-    they pass.
-    """
-    if isinstance(value, (str, bytes, list, dict, tuple)):
-        raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
-    if isinstance(value, (bool, jax.core.Tracer)) or not isinstance(
-        value, (int, float, np.number, np.ndarray, jax.Array)
-    ):
-        return
-    if isinstance(value, jax.Array) and not value.is_fully_addressable:
-        return
-    numbers = np.asarray(value)
-    if not ((numbers >= least) & (numbers < limit)).all():
-        raise ValueError(f"{name} must be {expected}, but is {value}")

@@ -1,8 +1,10 @@
-"""The tracker: one frame in, one box out (Algorithm 1), with what it learns there (Algorithm 2).
+"""One track through one frame: the paper's Algorithm 1, and Algorithm 2 in `_learn`.
 
-The functions are pure and can be jitted, vmapped and scanned: `sequence.py` scans over a video.
-What the paper does not have stands in `extras.py`.
+`init` and `step` are pure functions of arrays; `runners` scan over a video with them. What the
+paper does not have stands in `extensions`, one `if` for each component here.
 """
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +19,9 @@ from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import ColumnSums, column_sums, window_integral
-from dcs_jax.extensions import extras
-from dcs_jax.types import BoxLike, ImageLike, Pool, Sighting, State, StepInfo, Strong, Weak
+from dcs_jax.extensions import redetection, scale, translation, verification
+from dcs_jax.extensions.descriptors import describe
+from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
 def init(
@@ -46,8 +49,16 @@ def init(
         1, config.first_updates, lambda _, weak: update_weak(weak, values)[0], weak
     )
     weak, strong, _ = _learn(values, weak, config)
+    descriptions = _describe(window, jnp.zeros(2, jnp.float32), config)
     return State(
-        box, box[2:], pool, weak, strong, extras.begin(window, config) if config.extras else None
+        box,
+        box[2:],
+        pool,
+        weak,
+        strong,
+        None if config.translation is None else translation.init(window, config.grid),
+        None if config.scale is None else scale.init(descriptions),
+        None if config.verification is None else verification.init(_own_scale(descriptions)),
     )
 
 
@@ -58,66 +69,163 @@ def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[S
     config: as given to `init`; its numbers may change from frame to frame.
     """
     sums = _sums(frame)
-    # Lines 1-3: where in the window around its last place is the object most likely?
-    seen = _find(state, state.box, sums, config)
-    if state.extras is not None:
-        seen = extras.seek(_find, state, seen, sums, config)
-    # Line 4: the patches there and around are the new training rows (Algorithm 2).
-    window = window_integral(sums, seen.box, config.grid)
-    values = responses(training_patches(window, seen.box, sums.shape, config), state.pool)
-    weak, strong, noise = _learn(values, state.weak, config)
-    learned = state._replace(box=seen.box, weak=weak, strong=strong)
-    if state.extras is not None:
-        learned, seen = extras.learn(state, learned, seen, window, config)
-    return learned, _info(learned, seen, noise, config)
+    _check_components(state, config)
+    localise = jax.tree_util.Partial(_localise, state, sums, config)
+    # Lines 1-3: where in the window around its last position is the object most likely?
+    best = localise(state.box)
+    if state.verification and config.redetection:
+        num_missed = state.verification.num_missed
+        best = redetection.search(localise, best, state.box, num_missed, sums.shape, config)
+    # Line 4: the patches there and around are the new training samples (Algorithm 2).
+    window = window_integral(sums, best.box, config.grid)
+    descriptions = _describe(window, jnp.zeros(2, jnp.float32), config)
+    updated, noise = _update(state, best, window, descriptions, sums.shape, config)
+    if config.verification is not None:
+        updated, best = _gated(state, updated, best, descriptions, config)
+    return updated, _info(updated, best, noise, config)
 
 
 def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepInfo:
-    """What the classifiers make of a frame at the place where the state has its box.
+    """What the classifiers make of a frame at the position where the state has its box.
 
-    After `init` this is the first row of a track, whose box is given and not searched for.
+    After `init` this is the first row of a track, whose box is the initial one, not searched for.
     """
     sums = _sums(frame)
+    _check_components(state, config)
     window = window_integral(sums, state.box, config.grid)
-    votes = confidence_map(window, state.pool, state.weak, state.strong, config)
+    maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     nowhere = jnp.zeros(2, jnp.float32)
-    seen = _sight(state, state.box, nowhere, votes, window, sums.shape, config)
-    return _info(state, seen._replace(box=state.box), jnp.zeros(len(LABELS), jnp.float32), config)
+    here = _candidate(state, state.box, nowhere, maps, window, sums.shape, config)
+    return _info(state, here._replace(box=state.box), jnp.zeros(len(LABELS), jnp.float32), config)
 
 
-def _find(state: State, box: Float[Array, "4"], sums: ColumnSums, config: Config) -> Sighting:
-    """The most likely place of the object in the window around a box (lines 1-3)."""
+def _localise(state: State, sums: ColumnSums, config: Config, box: Float[Array, "4"]) -> Candidate:
+    """The most likely position of the object in the window around a box (lines 1-3)."""
     window = window_integral(sums, box, config.grid)
-    votes = confidence_map(window, state.pool, state.weak, state.strong, config)
-    evidence = votes.evidence
-    if state.extras is not None:
-        evidence += extras.witness(state.extras, window, config)
-    displacement = find_peak(evidence, box, sums.shape, config)
-    return _sight(state, box, displacement, votes, window, sums.shape, config)
+    maps = confidence_map(window, state.pool, state.weak, state.strong, config)
+    score_map = maps.score_map
+    if state.translation and config.translation:
+        score_map += translation.score(state.translation, window, config.translation, config.grid)
+    # The translation filter's response is smooth, which the votes are not.
+    subcell = config.translation is not None
+    displacement = find_peak(score_map, box, sums.shape, config, subcell=subcell)
+    return _candidate(state, box, displacement, maps, window, sums.shape, config)
 
 
-def _sight(
+def _candidate(
     state: State,
     box: Float[Array, "4"],
     displacement: Float[Array, "2"],
-    votes: ConfidenceMap,
+    maps: ConfidenceMap,
     window: Float[Array, "lines_y lines_x"],
     frame_shape: tuple[int, ...],
     config: Config,
-) -> Sighting:
-    """What there is at a displacement, in cells, from the middle of the window around a box.
+) -> Candidate:
+    """The candidate at a displacement, in cells, from the middle of the window around a box.
 
-    The map is read at the candidate place nearest to it.
+    The maps are read at the candidate position nearest to it.
     """
     grid = config.grid
     middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
     row, column = jnp.round(displacement).astype(jnp.int32) + middle
-    seen = Sighting(_move(box, displacement, frame_shape, grid), *votes.at(row, column))
-    if state.extras is not None:
-        seen = extras.recognise(
-            state.extras, seen, state.given, window, displacement, frame_shape, config
+    noisy_or, part_scores = maps.at(row, column, config)
+    box = _move(box, displacement, frame_shape, grid)
+    confidence = jnp.full_like(noisy_or, jnp.nan)
+    descriptions = _describe(window, displacement, config)
+    similarity = jnp.ones_like(noisy_or)
+    if state.verification and config.verification:
+        similarity = verification.similarity(
+            state.verification, _own_scale(descriptions), config.verification
         )
-    return seen
+        confidence = verification.score(similarity, config.verification)
+    if state.scale and config.scale:
+        steps = scale.estimate(state.scale, descriptions)
+        if config.verification is not None:
+            steps -= scale.pull(box, state.initial_size, similarity, config.scale)
+            # Where the object is not verified, behind something perhaps, it keeps its size.
+            steps = jnp.where(confidence > config.verification.learn_above, steps, 0)
+        box = scale.resize(box, steps, frame_shape, config.scale)
+    return Candidate(box, noisy_or, confidence, part_scores)
+
+
+def _update(
+    state: State,
+    best: Candidate,
+    window: Float[Array, "lines_y lines_x"],
+    descriptions: Float[Array, "S D"],
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> tuple[State, Float[Array, " R"]]:
+    """The state that has learned the object from the window around its new box, and the noise."""
+    values = responses(training_patches(window, best.box, frame_shape, config), state.pool)
+    weak, strong, noise = _learn(values, state.weak, config)
+    updated = state._replace(box=best.box, weak=weak, strong=strong)
+    if state.translation and config.translation:
+        updated = updated._replace(
+            translation=translation.update(
+                state.translation, window, config.translation, config.grid
+            )
+        )
+    if state.scale and config.scale:
+        updated = updated._replace(scale=scale.update(state.scale, descriptions, config.scale))
+    return updated, noise
+
+
+@jax.named_scope("gating")
+def _gated(
+    state: State,
+    updated: State,
+    best: Candidate,
+    descriptions: Float[Array, "S D"],
+    config: Config,
+) -> tuple[State, Candidate]:
+    """The updated state where the object is verified, and else the last; with the confidence.
+
+    It is verified once more in the window around the new box, whose size has changed. Where it is
+    missed, the search continues from where it was last.
+    """
+    known, settings = state.verification, config.verification
+    assert known
+    assert settings
+    description = _own_scale(descriptions)
+    confidence = verification.score(verification.similarity(known, description, settings), settings)
+    counted = verification.count(known, confidence, settings)
+    updated = updated._replace(verification=verification.update(counted, description, settings))
+    box = jnp.where(counted.num_missed == 0, updated.box, state.box)
+    waiting = state._replace(box=box, verification=counted)
+    learn = confidence > settings.learn_above
+
+    def choose(new: Any, old: Any) -> Any:
+        # What is the same in both, the features above all, is not copied.
+        return old if new is old else jnp.where(learn, new, old)
+
+    return jax.tree.map(choose, updated, waiting), best._replace(confidence=confidence)
+
+
+def _learn(
+    values: Float[Array, "R F"], weak: Weak, config: Config
+) -> tuple[Weak, Strong, Float[Array, " R"]]:
+    """Algorithm 2: update all weak classifiers, select among them, add up the selected.
+
+    values: [R, F], the features' responses on this frame's training patches. Returns also the
+    selection's label noise, [R].
+    """
+    weak, votes = update_weak(weak, values)
+    shape = (config.pool_size, config.parts, config.selectors)
+    errors = error(weak).reshape(shape)
+    selected, noise = select(votes.reshape(-1, *shape), errors, config)
+    return weak, combine(selected, errors), noise
+
+
+def _check_components(state: State, config: Config) -> None:
+    """ValueError unless the state has what the components of the settings carry, and no more."""
+    for name in ("translation", "scale", "verification"):
+        has, wants = getattr(state, name) is not None, getattr(config, name) is not None
+        if has != wants:
+            raise ValueError(
+                f"config.{name} is {'set' if wants else 'None'}, but the state was initialised "
+                f"{'with' if has else 'without'} it: expected the components given to init"
+            )
 
 
 def _sums(frame: ImageLike | ColumnSums) -> ColumnSums:
@@ -141,27 +249,24 @@ def _move(
     return jnp.stack([x, y, w, h])
 
 
-def _learn(
-    values: Float[Array, "R F"], weak: Weak, config: Config
-) -> tuple[Weak, Strong, Float[Array, " R"]]:
-    """Algorithm 2: update all weak classifiers, select among them, add up the selected.
-
-    values: [R, F], the features' responses on this frame's training patches. Returns also the
-    selection's label noise, [R].
-    """
-    weak, votes = update_weak(weak, values)
-    shape = (config.pool_size, config.parts, config.selectors)
-    errors = error(weak).reshape(shape)
-    selected, noise = select(votes.reshape(-1, *shape), errors, config)
-    return weak, combine(selected, errors), noise
+def _describe(
+    window: Float[Array, "lines_y lines_x"], displacement: Float[Array, "2"], config: Config
+) -> Float[Array, "S D"]:
+    """What scale filter and verification look at: the patch there at S scales, or at its own."""
+    return describe(window, displacement, scale.factors(config.scale), config.grid)
 
 
-def _info(state: State, seen: Sighting, noise: Float[Array, " R"], config: Config) -> StepInfo:
+def _own_scale(descriptions: Float[Array, "S D"]) -> Float[Array, " D"]:
+    return descriptions[len(descriptions) // 2]
+
+
+def _info(state: State, best: Candidate, noise: Float[Array, " R"], config: Config) -> StepInfo:
     """The record of one frame."""
     lost = jnp.array(False)
-    box = seen.box
-    if state.extras is not None:
-        lost = extras.is_lost(state.extras, config)
-        if not config.scale:
-            box = jnp.concatenate([box[:2] + (box[2:] - state.given) / 2, state.given])
-    return StepInfo(box, seen.confidence, seen.part_scores, lost, noise)
+    if state.verification and config.verification:
+        lost = verification.is_lost(state.verification, config.verification)
+    box = best.box
+    if config.output_size == "initial":
+        size = state.initial_size
+        box = jnp.concatenate([box[:2] + (box[2:] - size) / 2, size])
+    return StepInfo(box, best.confidence, best.noisy_or, best.part_scores, lost, noise)

@@ -7,8 +7,9 @@ Dimensions, used in every docstring and shape comment of the library:
     M  weak classifiers in a selector's pool, all different features
     F  = M * K * N, all features of a track, in this order: what is done for each selector at
        once then runs along contiguous memory
-    R  distinct training patches of a frame (5); they stand for L = 8 rows, one of them four times
+    R  distinct training patches of a frame (5); they are L = 8 samples, one of them four times
     G  cells per side of a window          C  candidate positions per axis
+    S  scales of the object                D  values of a description
 """
 
 from collections.abc import Sequence
@@ -50,7 +51,7 @@ class Weak(NamedTuple):
     sigma: [2, F] float32, its standard deviation, or None with `weak="midpoint"`.
     variance: [] float32, variance P of the estimated means: it does not depend on the data, so
         all features of both classes share it.
-    correct, wrong: [F] float32, number of training rows classified right and wrong so far,
+    correct, wrong: [F] float32, number of training samples classified right and wrong so far,
         each counted from 1 (lambda_c and lambda_w of online boosting).
     """
 
@@ -72,69 +73,69 @@ class Strong(NamedTuple):
     alpha: Float[Array, "K N"]
 
 
-class Appearance(NamedTuple):
-    """Descriptions of the object's patch: unit vectors, their mean taken off.
-
-    first: [D] float32, from the first frame. recent: [D] float32, a running mean over the frames
-        that were learned from.
-    """
-
-    first: Float[Array, " D"]
-    recent: Float[Array, " D"]
-
-
 class Filter(NamedTuple):
     """A correlation filter over one or two axes, numerator over denominator for each frequency.
 
     The last axis has half of the frequencies, as of a real signal's spectrum.
 
-    numerator: [D, ...] complex64, the wanted answer times the conjugate of what was seen.
-    denominator: [...] float32, the power of what was seen.
+    numerator: [D, ...] complex64, the desired output times the conjugate of the spectrum.
+    denominator: [...] float32, the power of the spectrum.
     """
 
     numerator: Complex[Array, "D *frequencies"]
     denominator: Float[Array, "*frequencies"]
 
 
-class Extras(NamedTuple):
-    """What a track carries beyond the paper (`Config.extras`).
+class TranslationState(NamedTuple):
+    """The translation filter.
 
-    appearance: what the object looks like. anchor: the place filter of the first frame, which never
-        changes. place, size: the filters that find both.
-    missing: [] int32, for how many frames the object has not been recognised.
+    running: its running mean. first_frame: the filter of the first frame, which never changes.
     """
 
-    appearance: Appearance
-    anchor: Filter
-    place: Filter
-    size: Filter
-    missing: Int32[Array, ""]
+    running: Filter
+    first_frame: Filter
+
+
+class VerificationState(NamedTuple):
+    """What the object looks like, and for how long it has been missed.
+
+    initial: [D] float32, template of the first frame, a unit vector without its mean.
+    online: [D] float32, running mean of the templates of the frames that were learned from.
+    num_missed: [] int32, frames in a row in which the object was not verified.
+    """
+
+    initial: Float[Array, " D"]
+    online: Float[Array, " D"]
+    num_missed: Int32[Array, ""]
 
 
 class State(NamedTuple):
     """All that one track carries from frame to frame.
 
-    box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner: where the object is and how
-        large it looks.
-    given: [2] float32, w and h of the box that was given, pixels.
-    extras: None in the paper's setting.
+    box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner: position and estimated size.
+    initial_size: [2] float32, w and h of the initial box, pixels.
+    translation, scale, verification: of the components; None where one is switched off.
     """
 
     box: Float[Array, "4"]
-    given: Float[Array, "2"]
+    initial_size: Float[Array, "2"]
     pool: Pool
     weak: Weak
     strong: Strong
-    extras: Extras | None
+    translation: TranslationState | None
+    scale: Filter | None
+    verification: VerificationState | None
 
 
-class Sighting(NamedTuple):
-    """Where in a frame the object seems to be.
+class Candidate(NamedTuple):
+    """Where in a frame the object may be.
 
-    box: [4] float32, x, y, w, h in pixels. confidence: [] and part_scores: [K] as in `StepInfo`.
+    box: [4] float32, x, y, w, h in pixels. noisy_or: [], confidence: [] and part_scores: [K] as in
+    `StepInfo`.
     """
 
     box: Float[Array, "4"]
+    noisy_or: Float[Array, ""]
     confidence: Float[Array, ""]
     part_scores: Float[Array, " K"]
 
@@ -143,18 +144,21 @@ class StepInfo(NamedTuple):
     """What one frame yields.
 
     box: [4] float32, x, y, w, h in pixels.
-    confidence: [] float32 in [0, 1], how likely the box overlaps the object by more than half; in
-        the paper's setting the Noisy-OR probability at the chosen place, which is near 1 always.
+    confidence: [] float32 in [0, 1], probability that the box overlaps the object by more than
+        half; NaN without verification, as in the paper's setting.
+    noisy_or: [] float32 in [0, 1], the Noisy-OR of the parts at the position, the paper's
+        confidence: near 1 whether the object is there or not.
     part_scores: [K] float32 in [0, 1], each part's probability there.
-    lost: [] bool, whether the object has not been recognised for `Config.patience` frames. Nothing
-        is learned then, and it is looked for all over the frame. False in the paper's setting.
-    noise: [R] float32, the selection's e for the frame's training rows, the mean over selectors
-        (eq. 14): how much the model corrects the label of the tracked box, row 0, and of the four
-        corners of the window. 0 for a selector other than "l1".
+    lost: [] bool, whether the object has not been verified for `Verification.patience` frames.
+        Nothing is learned then. False without verification.
+    noise: [R] float32, the selection's e for the frame's training samples, the mean over selectors
+        (eq. 14): how much the model corrects the label of the tracked box, sample 0, and of the
+        four corners of the window. 0 for a selector other than "l1".
     """
 
     box: Float[Array, "4"]
     confidence: Float[Array, ""]
+    noisy_or: Float[Array, ""]
     part_scores: Float[Array, " K"]
     lost: Bool[Array, ""]
     noise: Float[Array, " R"]
@@ -163,17 +167,18 @@ class StepInfo(NamedTuple):
 class Track(NamedTuple):
     """A whole sequence: `StepInfo` stacked over its frames.
 
-    boxes: [T, 4] float32, x, y, w, h in pixels; the first row is the given box.
-    confidence: [T] float32 in [0, 1], how likely each box overlaps the object by more than half.
-    part_scores: [T, K] float32 in [0, 1], each part's probability there.
-    lost: [T] bool, whether the object is lost.
-    noise: [T, R] float32, how much the selection corrects the label of each training row.
-
-    In the paper's setting confidence is the Noisy-OR probability, and lost never true.
+    boxes: [T, 4] float32, x, y, w, h in pixels; the first row is the initial box.
+    confidence: [T] float32 in [0, 1], probability that each box overlaps the object by more than
+        half; NaN without verification.
+    noisy_or: [T] float32 in [0, 1], the Noisy-OR of the parts.
+    part_scores: [T, K] float32 in [0, 1], each part's probability.
+    lost: [T] bool, whether the object is lost; False without verification.
+    noise: [T, R] float32, how much the selection corrects the label of each training sample.
     """
 
     boxes: Float[Array, "T 4"]
     confidence: Float[Array, " T"]
+    noisy_or: Float[Array, " T"]
     part_scores: Float[Array, "T K"]
     lost: Bool[Array, " T"]
     noise: Float[Array, "T R"]

@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from settings import SMALL, SMALL_DEFAULT
 
 import dcs_jax
-from dcs_jax import Config, tracker
+from dcs_jax import Config, TranslationFilter, Verification, tracker
 from dcs_jax.runners import slots
 from dcs_jax.runners.slots import Slots
 from dcs_jax.synthetic import render
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 SHIFTS = np.array([(0, 0, 0, 0), (5, -4, 3, 8), (-9, 3, -6, 2)], np.float32)
 KEYS = jax.vmap(jax.random.key)(jnp.arange(3))
 
@@ -62,13 +62,23 @@ def test_many_videos_and_a_sweep(clip, keys):
         assert_same(row(tracks, number), single)
 
 
-def test_with_extras_they_differ_by_rounding(clip):
+def test_numbers_of_a_group_may_be_one_for_each_track(clip):
+    rates = np.array([0.0, 0.02, 0.5], np.float32)
+    groups = [TranslationFilter(learning_rate=rate) for rate in (rates, *rates)]
+    swept, *configs = (dataclasses.replace(SMALL, translation=group) for group in groups)
+    tracks = dcs_jax.track_batch(clip.frames[:15], [clip.boxes[0]] * 3, config=swept)
+    for number, config in enumerate(configs):
+        single = dcs_jax.track_sequence(clip.frames[:15], clip.boxes[0], config=config)
+        np.testing.assert_allclose(tracks.boxes[number], single.boxes, atol=0.05)
+    assert np.abs(tracks.boxes[0] - tracks.boxes[2]).max() > 0.1
+
+
+def test_with_components_they_differ_by_rounding(clip):
     """The size of the box is a sum of many terms, which every program rounds in its own way."""
-    config = dataclasses.replace(SMALL, extras=True)
     boxes = clip.boxes[0] + SHIFTS
-    tracks = dcs_jax.track_batch(clip.frames[:20], boxes, config=config)
+    tracks = dcs_jax.track_batch(clip.frames[:20], boxes, config=SMALL_DEFAULT)
     for number, box in enumerate(boxes):
-        single = dcs_jax.track_sequence(clip.frames[:20], box, config=config)
+        single = dcs_jax.track_sequence(clip.frames[:20], box, config=SMALL_DEFAULT)
         np.testing.assert_allclose(tracks.boxes[number], single.boxes, atol=0.05)
         np.testing.assert_array_equal(tracks.lost[number], single.lost)
 
@@ -152,6 +162,10 @@ def test_bad_frames_are_refused_before_any_compilation(frames, message, monkeypa
         (
             {"config": dataclasses.replace(SMALL, lam=np.ones(3))},
             r"config\.lam must be one number for all tracks or \[2\], .* \(3,\)",
+        ),
+        (
+            {"config": Config(verification=Verification(slope=np.ones(3)))},
+            r"config\.verification\.slope must be one number for all tracks or \[2\], .* \(3,\)",
         ),
         (
             {"config": Config.paper(window_minimum=0.0)},

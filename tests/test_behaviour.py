@@ -69,9 +69,11 @@ def test_nothing_is_learned_while_lost():
     assert not info.lost
     blank = np.full_like(clip.frames[0], 128)
     before = state
-    for _ in range(int(config.patience) + 3):
+    for _ in range(int(config.verification.patience) + 3):
         state, info = follow_on(state, blank, config)
     assert info.lost
-    kept = state._replace(extras=state.extras._replace(missing=before.extras.missing))
+    kept = state._replace(
+        verification=state.verification._replace(num_missed=before.verification.num_missed)
+    )
     for now, then in zip(jax.tree.leaves(kept), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(now, then)

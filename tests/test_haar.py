@@ -15,8 +15,6 @@ from dcs_jax.core.samples import part_rectangles
 CONFIG = Config(canvas=(48, 56), selectors=8, pool_size=5)
 GRID = CONFIG.grid
 PARTS, SELECTORS, FEATURES = 9, 8, 360
-
-
 draw = jax.jit(draw_pool)
 
 
@@ -37,8 +35,9 @@ def pool():
 @pytest.mark.parametrize("parts", [1, 5, 9])
 @pytest.mark.parametrize("side", [(20, 24), (7, 9)])
 def test_parts_are_those_of_the_reference(parts, side):
-    grid = Grid(*side, 0, 0)
-    expected = [part[1:] for part in reference.parts_of(*side, parts)]
+    rows, columns = side
+    grid = Grid(rows, columns, margin_rows=0, margin_columns=0)
+    expected = [part[1:] for part in reference.parts_of(rows, columns, parts)]
     assert list(part_rectangles(grid, parts)) == expected
 
 
@@ -81,7 +80,7 @@ def test_all_types_are_drawn_about_equally_often():
     ]
     shares = {kind: kinds.count(kind) / len(kinds) for kind in set(kinds)}
     assert len(shares) == 5
-    # 1:2:1 features are long: more of them leave the part and are drawn again.
+    # 1:2:1 features are long: more leave the part and are rejected.
     assert all(0.1 < share < 0.35 for share in shares.values())
 
 

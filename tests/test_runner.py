@@ -3,14 +3,12 @@
 import jax
 import numpy as np
 import pytest
+from settings import SMALL
 
 import dcs_jax
-from dcs_jax import Config
 from dcs_jax.evaluation.runner import run_seeds
 from dcs_jax.runners import slots
 from dcs_jax.synthetic import render
-
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 
 
 @pytest.fixture(scope="module")

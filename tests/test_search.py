@@ -1,5 +1,7 @@
 """Confidence map and peak."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,10 +10,11 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 from layout import in_reference_order, reference_pool
+from reference import correlation
 
 from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
-from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
+from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak, parabola_peak
 from dcs_jax.core.weak import init_weak
 from dcs_jax.types import Strong
 
@@ -20,9 +23,9 @@ FRAME = (300, 300)
 BOX = np.float32([100, 120, 30, 24])
 
 
-@jax.jit
-def peak_of(evidence, box, config):
-    return find_peak(evidence, box, FRAME, config)
+@functools.partial(jax.jit, static_argnames="subcell")
+def peak_of(score_map, box, config, subcell):
+    return find_peak(score_map, box, FRAME, config, subcell=subcell)
 
 
 def random_classifiers(seed: int, weak_rule: str = "midpoint"):
@@ -65,7 +68,7 @@ def test_map_is_that_of_the_reference(rule, smoothing):
     probabilities = reference.part_probabilities(np.stack(maps), smoothing)
     np.testing.assert_allclose(found.parts, probabilities, atol=1e-5)
     np.testing.assert_allclose(
-        found.evidence, reference.evidence(probabilities, smoothing), rtol=1e-4, atol=1e-4
+        found.score_map, reference.evidence(probabilities, smoothing), rtol=1e-4, atol=1e-4
     )
 
 
@@ -74,12 +77,12 @@ def test_confidence_is_the_noisy_or_of_the_parts():
     config = Config(canvas=(12, 10), parts=5, selectors=4, pool_size=3, smoothing=0.0)
     found = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, config)
     for row, column in ((0, 0), (6, 5), (12, 10)):
-        confidence, parts = found.at(jnp.int32(row), jnp.int32(column))
+        confidence, parts = found.at(jnp.int32(row), jnp.int32(column), config)
         noisy_or = 1 - np.prod(np.maximum(1 - np.asarray(parts, float), 1e-6))
         assert confidence == pytest.approx(noisy_or, abs=1e-6)
 
 
-def test_without_any_trusted_classifier_every_place_is_as_likely():
+def test_without_any_trusted_classifier_every_position_is_as_likely():
     pool, weak, strong, integral = random_classifiers(3)
     strong = strong._replace(alpha=jnp.zeros_like(strong.alpha))
     found = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, CONFIG)
@@ -98,7 +101,9 @@ def test_under_vmap_the_maps_are_the_same():
     together = jax.vmap(lambda *case: confidence_map(*case, CONFIG))(integral, pool, weak, strong)
     for number, (pool, weak, strong, integral) in enumerate(cases):
         alone = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, CONFIG)
-        np.testing.assert_allclose(together.evidence[number], alone.evidence, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(
+            together.score_map[number], alone.score_map, rtol=1e-5, atol=1e-5
+        )
 
 
 @given(
@@ -106,37 +111,62 @@ def test_under_vmap_the_maps_are_the_same():
     levels=st.integers(2, 40),
     prior=st.sampled_from([0.0, 0.6, 5.0]),
     x=st.integers(-10, 290),
-    extras=st.booleans(),
+    subcell=st.booleans(),
 )
-def test_peak_is_that_of_the_reference(seed, levels, prior, x, extras):
+def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell):
     generator = np.random.default_rng(seed)
     # Few levels make plateaus, as hard votes do.
-    evidence = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
+    score_map = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
     box = BOX.copy()
     box[0] = x
-    config = Config(canvas=(12, 10), prior=prior, extras=extras)
-    scores = reference.score_map(evidence, box, FRAME, config.grid, prior)
-    expected = reference.peak(scores, reference.squared_distances(box, config.grid), extras)
-    found = peak_of(evidence.astype(np.float32), box, config)
+    config = Config(canvas=(12, 10), prior=prior)
+    scores = reference.score_map(score_map, box, FRAME, config.grid, prior)
+    expected = reference.peak(scores, reference.squared_distances(box, config.grid), subcell)
+    found = peak_of(score_map.astype(np.float32), box, config, subcell)
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_a_flat_map_is_no_motion():
-    found = find_peak(
-        jnp.ones(CONFIG.grid.positions), jnp.asarray(BOX), FRAME, Config(canvas=(12, 10))
-    )
+    found = peak_of(jnp.ones(CONFIG.grid.positions), BOX, Config(canvas=(12, 10)), subcell=True)
     assert jnp.abs(found).max() < 1e-6
 
 
-def test_a_plateau_gives_its_centroid_and_not_its_first_place():
-    evidence = np.zeros(CONFIG.grid.positions, np.float32)
-    evidence[2:5, 6:8] = 1
+def test_a_plateau_gives_its_centroid_and_not_its_first_position():
+    score_map = np.zeros(CONFIG.grid.positions, np.float32)
+    score_map[2:5, 6:8] = 1
     config = Config(canvas=(12, 10), prior=0.0)
-    found = find_peak(jnp.asarray(evidence), jnp.asarray(BOX), FRAME, config)
+    found = peak_of(jnp.asarray(score_map), BOX, config, subcell=True)
     middle = (config.grid.margin_rows, config.grid.margin_columns)
     np.testing.assert_allclose(found, [3 - middle[0], 6.5 - middle[1]], atol=1e-6)
 
 
-def test_the_evidence_of_a_certain_place_is_a_confidence_of_one():
-    sure = ConfidenceMap(jnp.ones((5, 1, 1)), jnp.full((1, 1), 60.0))
-    assert sure.at(jnp.int32(0), jnp.int32(0))[0] == 1
+@pytest.mark.parametrize("smoothing", [0.0, 1.5])
+def test_the_noisy_or_is_that_of_the_score_map(smoothing):
+    pool, weak, strong, integral = random_classifiers(4)
+    config = Config(canvas=(12, 10), parts=5, selectors=4, pool_size=3, smoothing=smoothing)
+    found = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, config)
+    for row, column in ((0, 0), (6, 5), (12, 10)):
+        noisy_or, _ = found.at(jnp.int32(row), jnp.int32(column), config)
+        expected = 1 - np.exp(-np.asarray(found.score_map, float)[row, column])
+        assert noisy_or == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_certain_position_has_a_noisy_or_of_one():
+    certain = jnp.full((1, 1), 60.0)
+    sure = ConfidenceMap(jnp.ones((5, 1, 1)), certain, certain)
+    assert sure.at(jnp.int32(0), jnp.int32(0), CONFIG)[0] == 1
+
+
+@given(peak=st.floats(-0.5, 0.5), curvature=st.floats(0.1, 50), height=st.floats(-10, 10))
+def test_a_parabola_has_its_peak_found(peak, curvature, height):
+    values = [jnp.float32(height - curvature * (x - peak) ** 2) for x in (-1, 0, 1)]
+    assert parabola_peak(*values) == pytest.approx(peak, abs=1e-3)
+    assert correlation.parabola_peak(*map(float, values)) == pytest.approx(peak, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "values", [(-np.inf, 1, 0), (0, 1, -np.inf), (-np.inf, 1, -np.inf), (1, 1, 1), (2, 1, 2)]
+)
+def test_at_an_edge_and_without_a_peak_nothing_is_added(values):
+    assert parabola_peak(*map(jnp.float32, values)) == 0
+    assert correlation.parabola_peak(*values) == 0

@@ -1,9 +1,10 @@
-"""The selection as a public function: certificate, solvers, ties, and what it refuses."""
+"""The selection as a public function: certificate, solvers, ties, and what is refused."""
 
 import os
 import subprocess
 import sys
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ PROBLEMS, ROWS, COLUMNS = 1000, 8, 20
 
 
 class Batch:
-    """Problems with a lambda, a noise lambda and row weights of their own, and their minima."""
+    """Problems with lambdas and sample weights of their own, and their minima."""
 
     def __init__(self, real: bool) -> None:
         generator = np.random.default_rng(real)
@@ -58,7 +59,7 @@ class Batch:
         )
 
     def check(self, found: Selection) -> None:
-        """The certificate holds, against the minima, in float64."""
+        """Compare the certificate with the minima, in float64."""
         beta, noise = np.asarray(found.beta, float), np.asarray(found.noise, float)
         assert (beta >= 0).all()
         objective = np.array([self.objective(n, beta[n], noise[n]) for n in range(PROBLEMS)])
@@ -103,7 +104,7 @@ def test_after_its_best_the_interior_point_method_stays_there(batch):
 
 
 def test_many_classifiers_that_err_alike_converge_too():
-    """They take more steps: 53 here, 9 of 200 classifiers."""
+    """They take more steps: 53 here, 200 classifiers take 9."""
     generator = np.random.default_rng(0)
     labels = generator.choice([-1.0, 1.0], 100)
     causes = generator.normal(size=(100, 10)) @ generator.normal(size=(10, 20_000))
@@ -112,7 +113,7 @@ def test_many_classifiers_that_err_alike_converge_too():
     wrong = generator.random(100) < 0.15
     found = select_classifiers(votes, np.where(wrong, -labels, labels))
     assert found.converged
-    assert found.iterations > 30  # or there was nothing to see
+    assert found.iterations > 30  # or the problem is too easy for this test
 
 
 @pytest.mark.parametrize("solver", ["apg", "projected_gradient"])
@@ -137,6 +138,22 @@ def test_jaxopt_finds_the_same_minimum():
     theirs = run(solver="jaxopt", tol=None, max_iterations=1500)
     np.testing.assert_allclose(ours.objective, theirs.objective, rtol=1e-3)
     assert (ours.objective <= theirs.objective * (1 + 1e-4)).all()
+
+
+def test_jaxopt_is_imported_only_when_asked_for():
+    """In a process of its own, as another test may have imported it."""
+    code = """
+import sys, warnings
+import dcs_jax
+
+assert "jaxopt" not in sys.modules
+warnings.simplefilter("ignore", DeprecationWarning)
+settings = {"solver": "jaxopt", "tol": None, "max_iterations": 1}
+dcs_jax.select_classifiers([[1.0], [-1.0]], [1.0, -1.0], **settings)
+assert "jaxopt" in sys.modules
+"""
+    environment = os.environ | {"PYTHONPATH": os.getcwd()}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
 def test_the_shapes_are_the_promised_ones():
@@ -177,11 +194,13 @@ def test_jit_vmap_and_scan_give_the_same():
 
 def test_another_lambda_or_tolerance_compiles_nothing():
     votes, labels = example()
+    compiled: Any = select._select  # a jitted function, whose type lacks the size of its cache
+    numbers: list[Any] = [0.02, np.float32(1), jnp.float32(3)]
     select_classifiers(votes, labels)
-    compiled = select._select._cache_size()
-    for lam in (0.02, np.float32(1), jnp.float32(3)):
+    programs = compiled._cache_size()
+    for lam in numbers:
         select_classifiers(votes, labels, lam, lam_noise=0.5, tol=lam / 100)
-    assert select._select._cache_size() == compiled
+    assert compiled._cache_size() == programs
 
 
 def test_a_batch_on_two_devices():
@@ -264,7 +283,7 @@ def test_the_one_with_the_least_error_is_taken():
     assert select_classifiers(*three_equal(), tie="error", errors=errors).index == 2
 
 
-def test_any_of_them_is_taken_at_random():
+def test_any_of_the_equal_columns_is_taken_at_random():
     votes, labels = three_equal()
     many = np.broadcast_to(votes, (3000, 4, 4))
     found = select_classifiers(many, labels, tie="random", key=jax.random.key(0))
@@ -289,7 +308,7 @@ def test_one_classifier(solver):
     found = select_classifiers([[1.0], [-1.0], [1.0], [1.0]], [1.0, -1.0, 1.0, -1.0], solver=solver)
     assert found.index == 0
     assert found.converged
-    # Three rows of four are right: the vote is believed, the fourth label is not.
+    # Three votes of four are right: they are believed, the fourth label is not.
     np.testing.assert_allclose(found.noise, [0, 0, 0, -2], atol=0.02)
 
 

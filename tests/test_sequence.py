@@ -5,12 +5,13 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from settings import SMALL_DEFAULT, WITHOUT_COMPONENTS
 
 import dcs_jax
-from dcs_jax import Config, tracker
+from dcs_jax import tracker
 from dcs_jax.synthetic import render
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12)
+SMALL = SMALL_DEFAULT
 
 
 @pytest.fixture(scope="module")
@@ -62,11 +63,11 @@ def test_another_key_draws_other_features(clip):
 
 
 # Each length is a program of its own, and the transforms of the size filter are rounded differently
-# in each: with the extras the boxes differ by some thousandths of a pixel.
+# in each: with the components the boxes differ by some thousandths of a pixel.
 @pytest.mark.parametrize(
     ("config", "tolerance"),
-    [(dataclasses.replace(SMALL, extras=False), 1e-3), (SMALL, 0.05)],
-    ids=["paper", "extras"],
+    [(dataclasses.replace(SMALL, **WITHOUT_COMPONENTS), 1e-3), (SMALL, 0.05)],
+    ids=["paper", "default"],
 )
 @pytest.mark.parametrize("length", [1, 4, 20])
 def test_chunks_are_the_whole(clip, length, config, tolerance):

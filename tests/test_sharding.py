@@ -9,9 +9,9 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from settings import SMALL
 
 import dcs_jax
-from dcs_jax import Config
 from dcs_jax.synthetic import render
 
 # What a process of its own runs, as the number of devices is fixed when JAX starts. Its arguments:
@@ -26,21 +26,21 @@ if processes > 1:
 import jax.numpy as jnp
 import numpy as np
 import dcs_jax
-from dcs_jax.runners import sharding as shares
-from tests.test_sharding import BOXES, SMALL, clip_frames
+from dcs_jax.runners import sharding
+from tests.settings import SMALL
+from tests.test_sharding import BOXES, clip_frames
 
 mesh = jax.make_mesh((devices * processes,), ("batch",))
 one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL, mesh=mesh)
 keys = jax.vmap(jax.random.key)(jnp.arange(len(BOXES)))
 videos = np.stack([clip_frames()] * len(BOXES))
 many = dcs_jax.track_batch(videos, BOXES, keys, SMALL, mesh=mesh)
-programs = [program.as_text() for program in shares._programs.values()]
+programs = [program.as_text() for program in sharding._programs.values()]
 names = "all-reduce|all-gather|all-to-all|collective|reduce-scatter"
 collectives = re.findall(names, "".join(programs))
-np.savez(out, one=one.boxes, many=many.boxes, scores=one.confidence,
+np.savez(out, one=one.boxes, many=many.boxes, scores=one.noisy_or,
          programs=len(programs), collectives=np.array(collectives, dtype=str))
 """
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 BOXES = np.array([(20, 30, 30, 36), (40, 32, 24, 30), (60, 50, 36, 30)], np.float32)
 
 
@@ -82,7 +82,7 @@ def test_a_sharded_batch_has_the_same_boxes(tmp_path, devices, processes):
     ]
     for saved in run(tmp_path, devices, processes):
         np.testing.assert_array_equal(saved["one"], one.boxes)
-        np.testing.assert_allclose(saved["scores"], one.confidence, atol=1e-6)
+        np.testing.assert_allclose(saved["scores"], one.noisy_or, atol=1e-6)
         np.testing.assert_array_equal(saved["many"], singles)
         assert saved["programs"] == 4
         assert not saved["collectives"].size  # no communication between the devices

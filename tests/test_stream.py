@@ -1,6 +1,5 @@
 """Streams: the same tracks in chunks, with tracks that come and go and sources that break."""
 
-import dataclasses
 import itertools
 import threading
 
@@ -8,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from settings import SMALL, SMALL_DEFAULT
 
 import dcs_jax
 from dcs_jax import Config, tracker
@@ -15,7 +15,6 @@ from dcs_jax.io.frames import ahead, chunks
 from dcs_jax.synthetic import render
 from dcs_jax.types import Track
 
-SMALL = Config(canvas=20, parts=5, selectors=6, pool_size=12, extras=False)
 SHIFTS = np.array([(0, 0, 0, 0), (5, -4, 3, 8)], np.float32)
 KEYS = jax.vmap(jax.random.key)(jnp.arange(2))
 
@@ -42,8 +41,8 @@ def test_a_stream_is_the_batch_whatever_the_chunks(clip, length):
     np.testing.assert_array_equal(joined(again).boxes, batch.boxes)
 
 
-def test_with_extras_it_differs_by_rounding(clip):
-    config = dataclasses.replace(SMALL, extras=True)
+def test_with_components_it_differs_by_rounding(clip):
+    config = SMALL_DEFAULT
     boxes = clip.boxes[0] + SHIFTS
     batch = dcs_jax.track_batch(clip.frames, boxes, config=config)
     streamed = joined(dcs_jax.track_stream(clip.frames, boxes, config=config, chunk=6))

@@ -20,7 +20,7 @@ POOL = Pool(
     jnp.arange(FEATURES, dtype=jnp.int32) % 3 + 2,
 )
 update = jax.jit(update_weak)
-ROWS = [0, 0, 0, 0, 1, 2, 3, 4]  # the L = 8 training rows in the R = 5 patches
+SAMPLES = [0, 0, 0, 0, 1, 2, 3, 4]  # of the L = 8 training samples, the R = 5 patches
 
 
 @pytest.mark.parametrize("rule", ["midpoint", "gaussian"])
@@ -34,11 +34,11 @@ def test_updates_are_those_of_the_sequential_filter(rule, seed, updates):
     for _ in range(updates):
         values = generator.normal(0, 40, (FEATURES, 5)).astype(np.float32)
         weak, votes = update(weak, jnp.asarray(values.T))
-        rows = values[:, ROWS].astype(float)
+        samples = values[:, SAMPLES].astype(float)
         means, sigma, variance = reference.kalman_update(
-            rows, reference.LABELS, means, sigma, variance
+            samples, reference.LABELS, means, sigma, variance
         )
-        expected = reference.votes(rows, means, sigma)
+        expected = reference.votes(samples, means, sigma)
         correct, wrong = reference.count(expected, reference.LABELS, correct, wrong)
         np.testing.assert_array_equal(votes.T, expected[:, [0, 4, 5, 6, 7]])
     np.testing.assert_allclose(weak.mean.T, means, rtol=1e-4, atol=1e-3)
@@ -46,6 +46,7 @@ def test_updates_are_those_of_the_sequential_filter(rule, seed, updates):
     np.testing.assert_array_equal(weak.correct, correct)
     np.testing.assert_array_equal(weak.wrong, wrong)
     if sigma is not None:
+        assert weak.sigma is not None
         np.testing.assert_allclose(weak.sigma.T, sigma, rtol=1e-4)
     np.testing.assert_allclose(error(weak), reference.error(correct, wrong), rtol=1e-6)
 

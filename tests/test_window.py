@@ -1,4 +1,6 @@
-"""The window's integral image, and how far the box may move, against the reference."""
+"""The window's integral image, and the limits of motion, against the reference."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +14,7 @@ from dcs_jax.config import Config
 from dcs_jax.core.window import column_sums, reach, to_grey, window_integral
 
 CONFIG = Config(canvas=(10, 12), window_factor=1.8)
+GRID = reference.Grid(*dataclasses.astuple(CONFIG.grid))
 HEIGHT, WIDTH = 37, 45
 boxes = st.tuples(
     st.floats(-30, 60, width=32),
@@ -38,7 +41,7 @@ def reach_of(box, config):
 @given(box=boxes, seed=st.integers(0, 2**31))
 def test_integral_is_exact_area_resampling(box, seed):
     frame, box = random_frame(seed), np.float32(box)
-    cells = reference.cell_means(frame, box, CONFIG.grid)
+    cells = reference.cell_means(frame, box, GRID)
     integral = np.asarray(integral_of(frame, box), np.float64)
     means = np.diff(np.diff(integral, axis=0), axis=1)
     # Grey values are relative to one pixel, the same for all cells.
@@ -72,7 +75,7 @@ def test_reach_is_that_of_the_reference(box, slack):
     box = np.float32(box)
     config = Config(canvas=(10, 12), window_factor=1.8, overhang=slack)
     low, high = reach_of(box, config)
-    expected = reference.reachable(box, (HEIGHT, WIDTH), config.grid, slack)
+    expected = reference.reachable(box, (HEIGHT, WIDTH), GRID, slack)
     assert [(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)] == list(expected)
 
 

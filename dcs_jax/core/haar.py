@@ -1,4 +1,4 @@
-"""Haar-like features: random pools of them, and their responses."""
+"""Haar-like features: random pools, and responses."""
 
 import jax
 import jax.numpy as jnp
@@ -41,7 +41,7 @@ def _type_table() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 _ROWS, _COLUMNS, _WEIGHTS, _BOXES = _type_table()
-# How many corners a feature has, by the number of its boxes: the rest have the coefficient 0.
+# Number of corners of a feature by the number of its boxes: the rest have the coefficient 0.
 CORNERS_OF_BOXES = {
     int(boxes): int((weights != 0).sum())
     for boxes, weights in sorted(zip(_BOXES, _WEIGHTS, strict=True), key=lambda pair: pair[0])
@@ -51,11 +51,11 @@ CORNERS_OF_BOXES = {
 def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     """Draw the features of all parts: F = M * K * N.
 
-    The five types are equally likely: two boxes one above or beside the other, three 1:2:1
-    likewise, and the 2x2 checker, with weights {1,-1}, {1,-2,1} and {1,-1,-1,1} on the boxes'
-    means. Base block floor(U * block * side) per axis, top-left uniform in the part; what leaves
-    the part or covers less than 9 cells is rejected. Drawn without rejection from the distribution
-    that leaves: type and block height, then the block width, then the place among those that fit.
+    The five types are equally likely: two boxes in a column or a row, three boxes 1:2:1 likewise,
+    and the 2x2 checker, with weights {1,-1}, {1,-2,1} and {1,-1,-1,1} on the boxes' means. Base
+    block floor(U * block * side) per axis, top-left uniform in the part; features that leave the
+    part or cover less than 9 cells are rejected. They are drawn from the distribution that remains,
+    without a rejection loop: type and block height, then block width, then the position.
     """
     grid = config.grid
     rectangles = np.array(part_rectangles(grid, config.parts))  # [K, 4]
@@ -75,12 +75,13 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
 
     top, left, height, width = rectangles[part].astype(np.int32).T
 
-    def place(key: Shaped[Array, ""], places: Int32[Array, " F"]) -> Int32[Array, " F"]:
-        drawn = jax.random.uniform(key, part.shape) * places.astype(jnp.float32)
-        return jnp.minimum(drawn.astype(jnp.int32), places - 1)  # the product may round up
+    def position(key: Shaped[Array, ""], positions: Int32[Array, " F"]) -> Int32[Array, " F"]:
+        drawn = jax.random.uniform(key, part.shape) * positions.astype(jnp.float32)
+        return jnp.minimum(drawn.astype(jnp.int32), positions - 1)  # the product may round up
 
-    row = top + place(key_row, height - jnp.asarray(_ROWS.max(1))[kind] * block_height + 1)
-    column = left + place(key_column, width - jnp.asarray(_COLUMNS.max(1))[kind] * block_width + 1)
+    rows = height - jnp.asarray(_ROWS.max(1))[kind] * block_height + 1
+    columns = width - jnp.asarray(_COLUMNS.max(1))[kind] * block_width + 1
+    row, column = top + position(key_row, rows), left + position(key_column, columns)
     corner_rows = row + jnp.asarray(_ROWS.T)[:, kind] * block_height
     corner_columns = column + jnp.asarray(_COLUMNS.T)[:, kind] * block_width
     cells = (grid.rows + 1) * (grid.columns + 1)
@@ -97,17 +98,17 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
 def _fitting(
     rectangles: np.ndarray, block: float | Float[Array, ""]
 ) -> Float[Array, "K 5 heights widths"]:
-    """How likely each type with each base block is in each part, but for a factor for each part.
+    """Probability of each type with each base block in each part, up to a factor for each part.
 
-    The probability of the block times the number of places where the feature fits; blocks of 1, 2,
-    ... cells up to the largest part. On a part too small for any feature of the least area, every
-    block of one cell that fits will do.
+    The probability of the block times the number of positions where the feature fits; blocks of 1,
+    2, ... cells up to the largest part. On a part too small for any feature of the least area,
+    blocks of one cell that fit are drawn.
     """
     heights, widths = (np.arange(1, side + 1) for side in rectangles[:, 2:].max(0))
     height, width = (rectangles[:, side, None, None, None] for side in (2, 3))  # [K, 1, 1, 1]
     rows = _ROWS.max(1)[:, None, None] * heights[:, None]  # [5, heights, 1]
     columns = _COLUMNS.max(1)[:, None, None] * widths
-    places = np.maximum(height - rows + 1, 0) * np.maximum(width - columns + 1, 0)
+    positions = np.maximum(height - rows + 1, 0) * np.maximum(width - columns + 1, 0)
 
     def drawn(side: np.ndarray, block_side: np.ndarray) -> Float[Array, "K 1 ..."]:
         # floor(U * s) = b for a share of clip(s - b, 0, 1) out of s.
@@ -116,9 +117,9 @@ def _fitting(
     fitting = (
         drawn(height, heights[:, None])
         * drawn(width, widths)
-        * (places * (rows * columns >= _LEAST_AREA)).astype(np.float32)
+        * (positions * (rows * columns >= _LEAST_AREA)).astype(np.float32)
     )
-    single = (places * (heights[:, None] * widths == 1)).astype(np.float32)
+    single = (positions * (heights[:, None] * widths == 1)).astype(np.float32)
     return jnp.where(fitting.sum((1, 2, 3), keepdims=True) > 0, fitting, single)
 
 
@@ -132,6 +133,7 @@ def _draw(
     return jnp.minimum(found, last).astype(jnp.int32)
 
 
+@jax.named_scope("Haar responses")
 def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "R F"]:
     """Responses of all features on all patches, in grey values: [R, F] float32.
 

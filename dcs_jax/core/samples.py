@@ -1,4 +1,4 @@
-"""The object's parts, and the training patches of a frame (Algorithm 1, line 4)."""
+"""The object's parts, and the training samples of a frame (Algorithm 1, line 4)."""
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.window import reach
 
-# The tracked box counts as four rows of label +1, so that both classes weigh the same; the four
-# corner candidates of the window are -1. Equal rows are stored once, with their multiplicity.
+# The tracked box counts as four samples of label +1, so that both classes weigh the same; the four
+# corner candidates of the window are -1. Equal samples are stored once, with their multiplicity.
 LABELS = (1.0, -1.0, -1.0, -1.0, -1.0)  # [R]
 WEIGHTS = (4.0, 1.0, 1.0, 1.0, 1.0)  # [R]
 
@@ -32,25 +32,26 @@ def part_rectangles(grid: Grid, parts: int) -> tuple[tuple[int, int, int, int], 
     return (whole + halves + quadrants)[:parts]
 
 
+@jax.named_scope("Haar responses")
 def training_patches(
     integral: Float[Array, "lines_y lines_x"],
     box: Float[Array, "4"],
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Float[Array, "cells R"]:
-    """The integral images of the R training patches, side by side: [cells, R].
+    """Integral images of the R training patches: [cells, R].
 
     The first patch is the tracked box, the others are the corners of the window, as far as they
     are within reach. The patch axis is the minor one: a feature's corner is then one contiguous
-    row (patch by patch, the responses take 20 times as long on the CPU).
+    row (with the patch axis first, the responses take 20 times as long on the CPU).
 
-    integral: [G_y + 1, G_x + 1], of the window around the tracked box. box: [4].
-    frame_shape: (H, W) or (H, W, 3).
+    integral: [G_y + 1, G_x + 1], of the window around the tracked box.
+    box: [4] x, y, w, h in pixels. frame_shape: (H, W) or (H, W, 3).
     """
     grid = config.grid
     middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
     (top, left), (bottom, right) = (middle + limit for limit in reach(box, frame_shape, config))
-    places = (tuple(middle), (top, left), (top, right), (bottom, left), (bottom, right))
+    positions = (tuple(middle), (top, left), (top, right), (bottom, left), (bottom, right))
     size = (grid.rows + 1, grid.columns + 1)
-    patches = [jax.lax.dynamic_slice(integral, place, size) for place in places]
-    return jnp.stack(patches, axis=-1).reshape(-1, len(places))
+    patches = [jax.lax.dynamic_slice(integral, position, size) for position in positions]
+    return jnp.stack(patches, axis=-1).reshape(-1, len(positions))

@@ -10,7 +10,6 @@ from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS_OF_BOXES
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
-from dcs_jax.extensions.correlation import parabola_peak
 from dcs_jax.types import Pool, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
@@ -21,22 +20,30 @@ _PLATEAU = 1e-3
 
 
 class ConfidenceMap(NamedTuple):
-    """How likely the object is at each candidate place of the window.
+    """How likely the object is at each candidate position in the window.
 
     parts: [K, C_y, C_x] in [0, 1], each part's smoothed probability (1 + H^k) / 2.
-    evidence: [C_y, C_x], -log(1 - p) of the smoothed Noisy-OR p = 1 - prod_k (1 - p_k).
+    unsmoothed: [C_y, C_x], -log(1 - p) of the Noisy-OR p = 1 - prod_k (1 - p_k).
+    score_map: [C_y, C_x], the same smoothed.
     """
 
     parts: Float[Array, "K C_y C_x"]
-    evidence: Float[Array, "C_y C_x"]
+    unsmoothed: Float[Array, "C_y C_x"]
+    score_map: Float[Array, "C_y C_x"]
 
     def at(
-        self, row: Int32[Array, ""], column: Int32[Array, ""]
+        self, row: Int32[Array, ""], column: Int32[Array, ""], config: Config
     ) -> tuple[Float[Array, ""], Float[Array, " K"]]:
-        """The Noisy-OR probability [] and the parts' probabilities [K] at one place."""
-        return -jnp.expm1(-self.evidence[row, column]), self.parts[:, row, column]
+        """The Noisy-OR probability [] and the parts' probabilities [K] at one position."""
+        # Smoothed once more from its neighbours, and not read from score_map: with a second reader
+        # XLA no longer fuses that map into the sum with what extensions add to it.
+        padded = jnp.pad(self.unsmoothed, 1, mode="edge")
+        around = jax.lax.dynamic_slice(padded, (row, column), (3, 3))
+        score = _smooth(around, config.smoothing)[1, 1]
+        return -jnp.expm1(-score), self.parts[:, row, column]
 
 
+@jax.named_scope("confidence map")
 def confidence_map(
     integral: Float[Array, "lines_y lines_x"],
     pool: Pool,
@@ -44,29 +51,34 @@ def confidence_map(
     strong: Strong,
     config: Config,
 ) -> ConfidenceMap:
-    """Let the strong part classifiers vote at every place, smooth, and fuse by Noisy-OR.
+    """Let the strong part classifiers vote at every position, smooth, and fuse by Noisy-OR.
 
     integral: [G_y + 1, G_x + 1], of the window around the last box.
     """
     votes = _part_votes(integral, pool, weak, strong, config.grid)
     parts = _smooth((1 + votes) / 2, config.smoothing)
-    evidence = -jnp.log(jnp.maximum(1 - parts, _LEAST_MISS)).sum(0)
-    return ConfidenceMap(parts, _smooth(evidence, config.smoothing))
+    unsmoothed = -jnp.log(jnp.maximum(1 - parts, _LEAST_MISS)).sum(0)
+    return ConfidenceMap(parts, unsmoothed, _smooth(unsmoothed, config.smoothing))
 
 
+@jax.named_scope("peak")
 def find_peak(
-    evidence: Float[Array, "C_y C_x"],
+    score_map: Float[Array, "C_y C_x"],
     box: Float[Array, "4"],
     frame_shape: tuple[int, ...],
     config: Config,
+    *,
+    subcell: bool,
 ) -> Float[Array, "2"]:
     """Displacement of the object from the middle of the window: [2] down and right, cells.
 
-    The best score, evidence less motion prior, often holds on a plateau, since votes are hard: of
-    the best places the one nearest to the middle, and of the plateau around it the centroid. The
+    The best score, less the motion prior, often holds on a plateau, since votes are hard: of the
+    best positions the one nearest to the middle, and of the plateau around it the centroid. The
     first index would drift up and to the left even on a still scene.
 
-    evidence: [C_y, C_x]. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    score_map: [C_y, C_x]. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    subcell: whether a single best position is refined by a parabola through its neighbours, for a
+        score map that is smooth.
     """
     grid = config.grid
     low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
@@ -76,20 +88,31 @@ def find_peak(
     # d^2 / (w h), with d in pixels.
     squared = (down / grid.rows) ** 2 * (h / w) + (right / grid.columns) ** 2 * (w / h)
     in_reach = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
-    score = jnp.where(in_reach, evidence - config.prior * squared, -jnp.inf)
+    score = jnp.where(in_reach, score_map - config.prior * squared, -jnp.inf)
     best = score >= score.max() - _PLATEAU
     nearest = jnp.argmin(jnp.where(best, squared, jnp.inf))
     seed = (jnp.arange(best.size) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
-    if not config.extras:
+    if not subcell:
         return centroid
-    # The place filter's answer is smooth: a parabola through the neighbours of a single best place.
     row, column = nearest // score.shape[1], nearest % score.shape[1]
     around = jnp.pad(score, 1, constant_values=-jnp.inf)
     near = jax.lax.dynamic_slice(around, (row, column), (3, 3))
     offset = jnp.stack([parabola_peak(*near[:, 1]), parabola_peak(*near[1])])
     return jnp.where(plateau.sum() > 1, centroid, centroid + offset)
+
+
+def parabola_peak(
+    before: Float[Array, ""], here: Float[Array, ""], after: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Where a parabola through three neighbouring values has its peak: [] in [-0.5, 0.5]."""
+    curvature = before - 2 * here + after
+    # At the edge of what is allowed there is a neighbour less: -inf.
+    peaked = (curvature < 0) & jnp.isfinite(curvature)
+    return jnp.where(
+        peaked, jnp.clip((before - after) / (2 * jnp.where(peaked, curvature, 1)), -0.5, 0.5), 0
+    )
 
 
 class _Classifiers(NamedTuple):
@@ -112,9 +135,9 @@ class _Classifiers(NamedTuple):
 def _part_votes(
     integral: Float[Array, "lines_y lines_x"], pool: Pool, weak: Weak, strong: Strong, grid: Grid
 ) -> Float[Array, "K C_y C_x"]:
-    """H^k = sum_n alpha h / sum_n alpha at every place, 0 where all alpha are: [K, C_y, C_x].
+    """H^k = sum_n alpha h / sum_n alpha at every position, 0 where all alpha are: [K, C_y, C_x].
 
-    Under vmap the tracks take turns: slices at batched places would become element-wise gathers.
+    Under vmap the tracks take turns: slices at batched positions would become element-wise gathers.
     """
     selectors = jnp.arange(strong.selected.size).reshape(strong.selected.shape)
     chosen = strong.selected * strong.selected.size + selectors  # [K, N] in 0..F
@@ -151,16 +174,16 @@ def _sum_votes(
     ends: Int32[Array, "3"],
     positions: tuple[int, int],
 ) -> Float[Array, "C_y C_x"]:
-    """sum_n alpha h of one part at every place: [C_y, C_x].
+    """sum_n alpha h of one part at every position: [C_y, C_x].
 
-    A feature at all places at once is as many shifted views of the integral image as it has
+    A feature at all positions at once is as many shifted views of the integral image as it has
     corners, added up.
 
     ends: [3], how many of the classifiers have features of at most 2, 3 and 4 boxes.
     """
-    total, begin = jnp.zeros(positions, integral.dtype), jnp.int32(0)
+    total, first = jnp.zeros(positions, integral.dtype), jnp.int32(0)
     # One loop for each number of corners: nine views of every feature, some with weight 0, took
-    # 1.1 times as long on 41 x 41 places and 1.4 times on 97 x 77.
+    # 1.1 times as long on 41 x 41 positions and 1.4 times on 97 x 77.
     for end, corners in zip(ends, CORNERS_OF_BOXES.values(), strict=True):
 
         def add(
@@ -175,7 +198,7 @@ def _sum_votes(
             decided = vote(response, classifier.mean, classifier.sigma)
             return total + classifier.alpha * decided
 
-        total, begin = jax.lax.fori_loop(begin, end, add, total), end
+        total, first = jax.lax.fori_loop(first, end, add, total), end
     return total
 
 
@@ -212,7 +235,7 @@ def _connected(
 def _neighbours(
     values: Shaped[Array, "*shape"], axis: int, mode: str
 ) -> tuple[Shaped[Array, "*shape"], Shaped[Array, "*shape"]]:
-    """The values one place before and one after each place along an axis."""
+    """The values one position before and one after each position along an axis."""
     widths = [(0, 0)] * values.ndim
     widths[axis] = (1, 1)
     padded = jnp.pad(values, widths, mode=mode)

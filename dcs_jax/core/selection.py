@@ -1,4 +1,4 @@
-"""Which weak classifier each selector takes from its pool (Algorithm 2, eq. 14 and 15)."""
+"""The weak classifier that each selector takes from its pool (Algorithm 2, eq. 14 and 15)."""
 
 import jax
 import jax.numpy as jnp
@@ -13,25 +13,26 @@ from dcs_jax.solvers.problem import Problem
 from dcs_jax.solvers.ties import first_maximum, first_true, is_maximum
 
 
+@jax.named_scope("selection")
 def select(
     votes: Float[Array, "R M K N"], error: Float[Array, "M K N"], config: Config
 ) -> tuple[Int32[Array, "K N"], Float[Array, " R"]]:
     """Choose a classifier for each selector: [K, N] int32 in [0, M), and the label noise: [R].
 
-    The noise is e of eq. 14, by how much the model corrects each row's label, in the mean over the
+    The noise is e of eq. 14, the model's correction of each sample's label, in the mean over the
     selectors; 0 where the selector is not "l1".
 
-    votes: [R, M, K, N] in {-1, 1}, the classifiers' votes on this frame's rows.
-    error: [M, K, N], the fraction of all rows so far that they got wrong.
+    votes: [R, M, K, N] in {-1, 1}, the classifiers' votes on this frame's training patches.
+    error: [M, K, N], share of all training samples so far that they got wrong.
     """
-    believed = jnp.zeros(len(votes), votes.dtype)
+    no_noise = jnp.zeros(len(votes), votes.dtype)
     match config.selector:
         case "error":
-            return first_maximum(-error), believed
+            return first_maximum(-error), no_noise
         case "first":
-            return first_maximum(agreement_with_labels(votes)), believed
+            return first_maximum(agreement_with_labels(votes)), no_noise
         case "mil":
-            return jax.vmap(_most_likely_bag, in_axes=2)(votes), believed
+            return jax.vmap(_most_likely_bag, in_axes=2)(votes), no_noise
         case "l1":
             return _l1(votes, error, config)
 
@@ -41,26 +42,26 @@ def _l1(
 ) -> tuple[Int32[Array, "K N"], Float[Array, " R"]]:
     """Non-negative l1 minimisation with label noise, all K * N problems at once: [K, N] and [R].
 
-    R distinct rows leave 2^R columns that differ: each problem is solved for those with their
+    On R distinct patches at most 2^R columns differ: each problem is solved for those with their
     counts (32 columns instead of the paper's 200: five times faster, the same coefficients). The
     problems lie along the minor axis throughout.
     """
-    rows, pool_size, *_ = votes.shape
-    bits = np.arange(2**rows) >> np.arange(rows)[:, None] & 1
+    patches, pool_size, *_ = votes.shape
+    bits = np.arange(2**patches) >> np.arange(patches)[:, None] & 1
     patterns = jnp.asarray(np.where(bits, 1.0, -1.0), votes.dtype)  # [R, 2^R]
     codes = sum((row > 0).astype(jnp.int32) << bit for bit, row in enumerate(votes))
     codes = codes.reshape(pool_size, -1)  # [M, K * N], which pattern each classifier votes
     problems = codes.shape[1]
-    counts = jnp.zeros((2**rows, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
+    counts = jnp.zeros((2**patches, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
 
     problem = Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
     solution = apg.solve(problem, config.iterations)
     beta = jnp.where(counts > 0, solution.beta, 0)  # [2^R, K * N]
-    # Where the penalty leaves no classifier, the best correlated one stands in.
+    # Where the penalty leaves no classifier, the best correlated one is taken.
     scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns)[:, None])
     best = is_maximum(jnp.where(counts > 0, scores, -jnp.inf))
-    # Whether a classifier votes one of the best patterns is looked up in the bits of one number.
-    bit = jnp.uint32(1) << jnp.arange(2**rows, dtype=jnp.uint32)[:, None]
+    # Of each problem, the best patterns are the bits of one number: a shift instead of a gather.
+    bit = jnp.uint32(1) << jnp.arange(2**patches, dtype=jnp.uint32)[:, None]
     best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
     chosen = ((best >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
     if config.tie == "error":
@@ -71,8 +72,9 @@ def _l1(
 def _most_likely_bag(votes: Float[Array, "R M N"]) -> Int32[Array, " N"]:
     """Greedy choice by the likelihood of the bags (Babenko et al., CVPR 2009, Algorithm 2): [N].
 
-    votes: [R, M, N] of one part. The rows of the tracked box are one positive bag, every other row
-    is a negative bag of its own; a row's probability is the logistic function of the summed votes.
+    votes: [R, M, N] of one part. The samples of the tracked box are one positive bag, every other
+    sample is a negative bag of its own; a sample's probability is the logistic function of the
+    summed votes.
     """
     weights = jnp.asarray(WEIGHTS)[:, None]
 

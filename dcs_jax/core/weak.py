@@ -3,6 +3,7 @@
 import functools
 import operator
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -11,16 +12,16 @@ from dcs_jax.core.samples import LABELS, WEIGHTS
 from dcs_jax.types import Pool, Weak
 
 # The Kalman filter of on-line boosting (Grabner and Bischof, CVPR 2006).
-_FIRST_VARIANCE = 1000.0
+_INITIAL_VARIANCE = 1000.0
 _MEASUREMENT_VARIANCE = 0.01
 _LEAST_GAIN = 0.001
 _LEAST_SIGMA = 1.0
 
 
 def init_weak(pool: Pool, rule: WeakRule) -> Weak:
-    """Weak classifiers that have seen nothing.
+    """The weak classifiers before the first update.
 
-    The first sigma is that of `boxes` independent sums of grey values uniform in 0..256.
+    The initial sigma is that of `boxes` independent sums of grey values uniform in 0..256.
     """
     features = pool.boxes.shape[0]
     sigma = jnp.sqrt(256.0**2 / 12 * pool.boxes.astype(jnp.float32))
@@ -28,24 +29,26 @@ def init_weak(pool: Pool, rule: WeakRule) -> Weak:
     return Weak(
         mean=jnp.zeros((2, features), jnp.float32),
         sigma=jnp.stack([sigma, sigma]) if rule == "gaussian" else None,
-        variance=jnp.float32(_FIRST_VARIANCE),
+        variance=jnp.float32(_INITIAL_VARIANCE),
         correct=ones,
         wrong=ones,
     )
 
 
+@jax.named_scope("weak classifiers")
 def update_weak(weak: Weak, responses: Float[Array, "R F"]) -> tuple[Weak, Float[Array, "R F"]]:
-    """Learn one frame's rows, then classify them and count (Algorithm 2).
+    """Update the models with one frame's samples, then classify these and count (Algorithm 2).
 
-    The means are Kalman-filtered row by row. The gain does not depend on the data: it is one scalar
-    per row for all features, about 1/t and then a floor.
+    The means are Kalman-filtered sample by sample. The gain does not depend on the data: it is one
+    scalar per sample for all features, about 1/t and then a floor.
 
-    responses: [R, F]. Returns the updated classifiers and their votes [R, F] in {-1, 1}.
+    responses: [R, F], of the training patches. Returns the updated classifiers and their votes
+        [R, F] in {-1, 1}.
     """
     mean, sigma, variance = weak.mean, weak.sigma, weak.variance
-    for row in range(1, len(LABELS)):
-        # Rows of both classes in turn: the object's row is the same each time.
-        values = jnp.stack([responses[row], responses[0]])  # [2, F]
+    for corner in range(1, len(LABELS)):
+        # One sample of each class: the object's is the same each time.
+        values = jnp.stack([responses[corner], responses[0]])  # [2, F]
         gain = jnp.maximum(variance / (variance + _MEASUREMENT_VARIANCE), _LEAST_GAIN)
         mean = mean + gain * (values - mean)
         if sigma is not None:
@@ -53,20 +56,23 @@ def update_weak(weak: Weak, responses: Float[Array, "R F"]) -> tuple[Weak, Float
             sigma = jnp.maximum(jnp.sqrt(square), _LEAST_SIGMA)
         variance = variance * _MEASUREMENT_VARIANCE / (variance + _MEASUREMENT_VARIANCE)
     votes = vote(responses, mean, sigma)
-    rows = sum(WEIGHTS)
+    samples = sum(WEIGHTS)
     agreement = agreement_with_labels(votes)
     weak = Weak(
         mean=mean,
         sigma=sigma,
         variance=variance,
-        correct=weak.correct + (rows + agreement) / 2,
-        wrong=weak.wrong + (rows - agreement) / 2,
+        correct=weak.correct + (samples + agreement) / 2,
+        wrong=weak.wrong + (samples - agreement) / 2,
     )
     return weak, votes
 
 
 def agreement_with_labels(votes: Float[Array, "R *classifiers"]) -> Float[Array, "*classifiers"]:
-    """On how many training rows each classifier is right, less those where it is wrong: [...]."""
+    """Samples on which each classifier is right less those on which it is wrong: [...].
+
+    votes: [R, ...] in {-1, 1}, on the training patches.
+    """
     # Unrolled: a matrix product of so few rows takes longer.
     counted = (
         weight * label * row for weight, label, row in zip(WEIGHTS, LABELS, votes, strict=True)
@@ -81,21 +87,21 @@ def vote(
 ) -> Float[Array, "*shape"]:
     """The classifiers' decisions on responses [...]: -1 (background) or 1 (object), ties 1.
 
-    mean, sigma: [2, ...]. Without sigma: on which side of the midpoint between the class means the
-    response lies. With sigma: which class is likelier (eq. 16).
+    mean, sigma: [2, ...], of background and object. Without sigma the class whose mean is nearer
+    decides, with sigma the likelier one (eq. 16).
     """
     background, target = mean
     if sigma is None:
-        evidence = (responses - (background + target) / 2) * (target - background)
+        decision = (responses - (background + target) / 2) * (target - background)
     else:
         log_density = [
             -0.5 * ((responses - center) / width) ** 2 - jnp.log(width)
             for center, width in zip(mean, sigma, strict=True)
         ]
-        evidence = log_density[1] - log_density[0]
-    return jnp.where(evidence >= 0, 1.0, -1.0).astype(jnp.float32)
+        decision = log_density[1] - log_density[0]
+    return jnp.where(decision >= 0, 1.0, -1.0).astype(jnp.float32)
 
 
 def error(weak: Weak) -> Float[Array, " F"]:
-    """Fraction of all rows so far that each classifier got wrong: [F] in (0, 1)."""
+    """Share of all training samples so far that each classifier got wrong: [F] in (0, 1)."""
     return weak.wrong / (weak.wrong + weak.correct)

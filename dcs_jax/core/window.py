@@ -44,22 +44,23 @@ class ColumnSums(NamedTuple):
         return self.grey.shape
 
 
+@jax.named_scope("column sums")
 def column_sums(frame: Frame) -> ColumnSums:
     """Grey values and their sums down the columns, of a uint8 frame [H, W] or [H, W, 3] (RGB)."""
     grey = to_grey(frame)
     return ColumnSums(grey, _sums_before(grey))
 
 
+@jax.named_scope("window")
 def window_integral(
     sums: ColumnSums, box: Float[Array, "4"], grid: Grid
 ) -> Float[Array, "lines_y lines_x"]:
     """Integral image of the window around a box, in cells, by exact area resampling.
 
-    The integral up to a line between two rows of pixels is that of the rows above and a fraction of
-    the row it cuts, and the same along the columns; outside the frame the nearest pixel is
-    repeated. Grey values are taken relative to the pixel at the box's centre, and sums from the
-    window's first pixels on: the features do not see the difference, and float32 is exact for
-    longer.
+    The integral up to a grid line is that of the rows of pixels above it and a fraction of the row
+    that it cuts, and the same along the columns; outside the frame the nearest pixel is repeated.
+    Grey values are relative to the pixel at the box's centre, and sums start at the window's first
+    pixels: the features do not depend on either, and float32 is exact for larger windows.
 
     sums: of the frame, [H, W]. box: [4] x, y, w, h in pixels.
     Returns [G_y + 1, G_x + 1] float32 in grey values times cells, its first row and column zero.
@@ -75,7 +76,7 @@ def window_integral(
     top, left = (_pixel(line[0], size) for line, size in ((line_y, height), (line_x, width)))
     in_window = jnp.arange(width) >= left
 
-    # Line by line: as one gather, XLA would find out for every element anew where its line is.
+    # Line by line: in one gather, XLA would compute the position of the line for every element.
     def down_to(line: Float[Array, ""]) -> Float[Array, " W"]:
         row = _pixel(line, height)
         above = sums.above[row] - sums.above[top] - middle * (row - top)
@@ -96,7 +97,7 @@ def window_integral(
 
 
 def _sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:
-    """Sum of all lines before each along the first axis: [lines, ...].
+    """Sum of all lines before each one along the first axis: [lines, ...].
 
     On the CPU a loop over contiguous lines takes a ninth of the time of `jnp.cumsum`.
     """
@@ -117,12 +118,12 @@ def _pixel(line: Float[Array, ""], pixels: int) -> Int32[Array, ""]:
 def reach(
     box: Float[Array, "4"], frame_shape: tuple[int, ...], config: Config
 ) -> tuple[Int32[Array, "2"], Int32[Array, "2"]]:
-    """How far the box may move: least and greatest displacement, [2] down and right, int32 cells.
+    """Least and greatest displacement of the box, [2] down and right, int32 cells.
 
-    To the ends of the window, but no further out of the frame than the overhang: what lies there
-    is no picture, neither to search nor to learn from. Staying is always possible.
+    The box stays within the window, and leaves the frame by the overhang at most: what lies outside
+    is not part of the picture, neither to search nor to learn from. No motion is always possible.
 
-    box: [4]. frame_shape: (H, W) or (H, W, 3).
+    box: [4] x, y, w, h in pixels. frame_shape: (H, W) or (H, W, 3).
     """
     grid = config.grid
     x, y, w, h = box

@@ -1,5 +1,8 @@
 """Named settings of the tracker: a preset and changes of its fields, "paper selector=error".
 
+Fields of a group have its name before them, "default scale.step=1.03", and a component is switched
+off and on by "translation=none" and "translation=default".
+
 The presets are `default` (`Config()`), `paper` (`Config.paper()`) and `authors`, which is `paper`
 with the constants that the authors' code has for the sequence.
 """
@@ -10,7 +13,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from dcs_jax.config import Config
+from dcs_jax.config import COMPONENTS, Config, check_not_renamed
 from dcs_jax.evaluation.paper import authors_constants
 
 PRESETS: dict[str, Callable[[str], Config]] = {
@@ -18,6 +21,13 @@ PRESETS: dict[str, Callable[[str], Config]] = {
     "paper": lambda sequence: Config.paper(),
     "authors": lambda sequence: Config.paper(**authors_constants(sequence)),
 }
+
+
+GROUPS = {name: type(getattr(Config(), name)) for name in COMPONENTS}
+FIELDS = [
+    *(field.name for field in dataclasses.fields(Config)),
+    *(f"{name}.{field.name}" for name in GROUPS for field in dataclasses.fields(GROUPS[name])),
+]
 
 
 class Setting(NamedTuple):
@@ -37,11 +47,11 @@ def parse_setting(text: str) -> Setting:
     """
     preset, *changes = text.split() or [""]
     if preset not in PRESETS:
-        raise ValueError(f"{preset!r} is no preset: expected one of {', '.join(PRESETS)}")
+        raise ValueError(f"{preset!r} is not a preset: expected one of {', '.join(PRESETS)}")
     fields: dict[str, Any] = dict(map(_parse_change, changes))
 
     def config(sequence: str) -> Config:
-        return dataclasses.replace(PRESETS[preset](sequence), **fields)
+        return _replace(PRESETS[preset](sequence), fields)
 
     config("")  # wrong values are found before anything is run
     return Setting(" ".join([preset, *changes]), config)
@@ -54,7 +64,7 @@ def with_changes(presets: Iterable[str], changes: Iterable[str]) -> list[Setting
     """
     presets = list(presets)
     changed = [
-        f"{preset} {' '.join(re.split(r',(?=[a-z_]+=)', change))}"
+        f"{preset} {' '.join(re.split(r',(?=[a-z_.]+=)', change))}"
         for change in changes
         for preset in presets
     ]
@@ -62,14 +72,31 @@ def with_changes(presets: Iterable[str], changes: Iterable[str]) -> list[Setting
 
 
 def _parse_change(text: str) -> tuple[str, Any]:
-    name, equals, value = text.partition("=")
-    names = [field.name for field in dataclasses.fields(Config)]
-    if not equals or name not in names:
-        raise ValueError(
-            f"{text!r} is no change of a field: expected NAME=VALUE with a name of "
-            f"{', '.join(names)}"
-        )
+    name, equals, word = text.partition("=")
     try:
-        return name, ast.literal_eval(value)
+        value = ast.literal_eval(word)
     except (SyntaxError, ValueError):
-        return name, value  # a word such as "error"
+        value = word  # a word such as "error"
+    check_not_renamed(name, value)
+    if not equals or name not in FIELDS:
+        raise ValueError(
+            f"{text!r} is not a change of a field: expected NAME=VALUE with a name of "
+            f"{', '.join(FIELDS)}"
+        )
+    if name in GROUPS and word in ("none", "default"):
+        value = GROUPS[name]() if word == "default" else None
+    return name, value
+
+
+def _replace(config: Config, changes: dict[str, Any]) -> Config:
+    """The settings with changed fields; those of a group by "group.field"."""
+    fields = {name: value for name, value in changes.items() if "." not in name}
+    for name, value in changes.items():
+        group, dot, field = name.partition(".")
+        if not dot:
+            continue
+        settings = fields.get(group, getattr(config, group))
+        if settings is None:
+            raise ValueError(f"{name} cannot be set where {group} is None: add {group}=default")
+        fields[group] = dataclasses.replace(settings, **{field: value})
+    return dataclasses.replace(config, **fields)

@@ -1,6 +1,10 @@
-"""Gradients of a patch, gathered in cells: what the correlation filters and the appearance look at.
+"""Histograms of oriented gradients (HOG): features of the correlation filters and the templates.
 
-In the manner of histograms of oriented gradients (Dalal and Triggs, CVPR 2005).
+N. Dalal and B. Triggs, Histograms of oriented gradients for human detection (CVPR 2005), with 8
+signed orientations, and two differences. A gradient is not binned by its angle: it is projected on
+every orientation, and negative projections are 0, so that no feature jumps as a gradient turns. A
+cell is not normalised with the blocks around it, but divided by the root of its own norm: an edge
+twice as strong counts 1.4 times.
 """
 
 import functools
@@ -9,23 +13,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-DIRECTIONS = 8
-# Added to the square of a cell's gradient, so that noise on a plain surface counts for little.
-_PLAIN = 1.0
+ORIENTATIONS = 8
+# Added to the squared norm of a cell, so that noise on a plain surface counts for little.
+_EPSILON = 1.0
 
 
 def gradient_cells(
-    grey: Float[Array, "lines_y lines_x"], cell: int, soft: bool = False
+    grey: Float[Array, "height width"], cell: int, bilinear: bool = False
 ) -> Float[Array, "8 cells_y cells_x"]:
-    """Gradient in each of 8 directions, summed over cells of cell x cell places: [8, Y, X].
+    """Gradient in each of 8 orientations, summed over cells of cell x cell pixels: [8, Y, X].
 
-    Each direction takes the part of the gradient that points its way, so nothing jumps as a
-    gradient turns. Cells are divided by the root of their strength: an edge twice as strong counts
-    1.4 times. What does not fill a cell is cut off on both sides alike.
-
-    grey: [y, x], grey values. soft: whether a place counts for the two nearest cells, by how far
-        its half of a cell is from their middles, which tells motion by part of a cell, or for its
-        own cell only, which tells objects apart better.
+    grey: [y, x], grey values. Pixels that do not fill a cell are cut off, on both sides alike.
+    bilinear: spatial binning. True: a pixel counts for the two nearest cells on each axis, by the
+        distance of its half of a cell from their centres, which resolves motion by part of a cell.
+        False: it counts for its own cell only, which tells objects apart better.
     """
     rows, columns = (side // cell for side in grey.shape)
     top, left = ((side - side // cell * cell) // 2 for side in grey.shape)
@@ -33,36 +34,37 @@ def gradient_cells(
     area = slice(top, top + rows * cell), slice(left, left + columns * cell)
     down = ((padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2)[area]
     right = ((padded[1:-1, 2:] - padded[1:-1, :-2]) / 2)[area]
-    angles = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
-    across, along = (
+    angles = np.arange(ORIENTATIONS) * 2 * np.pi / ORIENTATIONS
+    cosine, sine = (
         jnp.asarray(part(angles), jnp.float32)[:, None, None] for part in (np.cos, np.sin)
     )
-    strength = jnp.maximum(across * right + along * down, 0)
-    # Rows that count alike are added one by one, the rest is products with constant matrices: a
+    projections = jnp.maximum(cosine * right + sine * down, 0)
+    # Rows of equal weight are added one by one, the rest is products with constant matrices: a
     # third of the time of a sum over reshaped axes.
-    alike = _alike(cell, soft)
-    groups = strength.reshape(DIRECTIONS, -1, alike, columns * cell)
-    cells = functools.reduce(jnp.add, (groups[:, :, row] for row in range(alike)))
-    to_columns = jnp.asarray(_shares(columns, cell, soft).T, jnp.float32)
-    cells = (cells.reshape(-1, columns * cell) @ to_columns).reshape(DIRECTIONS, -1, columns)
-    if soft:
-        to_rows = jnp.asarray(_shares(rows, cell, soft)[:, ::alike], jnp.float32)
-        cells = jnp.einsum("rg,dgc->drc", to_rows, cells)
-    return cells / jnp.sqrt(jnp.sqrt(jnp.square(cells).sum(0) + _PLAIN))
+    group = _pixels_of_equal_weight(cell, bilinear)
+    groups = projections.reshape(ORIENTATIONS, -1, group, columns * cell)
+    cells = functools.reduce(jnp.add, (groups[:, :, row] for row in range(group)))
+    to_columns = jnp.asarray(_bin_weights(columns, cell, bilinear).T, jnp.float32)
+    cells = (cells.reshape(-1, columns * cell) @ to_columns).reshape(ORIENTATIONS, -1, columns)
+    if bilinear:
+        to_rows = jnp.asarray(_bin_weights(rows, cell, bilinear)[:, ::group], jnp.float32)
+        # o: orientations, g: groups of pixel rows, r and c: rows and columns of cells
+        cells = jnp.einsum("rg,ogc->orc", to_rows, cells)
+    return cells / jnp.sqrt(jnp.sqrt(jnp.square(cells).sum(0) + _EPSILON))
 
 
-def _alike(cell: int, soft: bool) -> int:
-    """How many places in a row count alike: a cell's, or with soft cells those of half of one."""
-    if not soft:
+def _pixels_of_equal_weight(cell: int, bilinear: bool) -> int:
+    """Number of neighbours on an axis with equal bin weights: a cell's, bilinear half a cell's."""
+    if not bilinear:
         return cell
     return cell // 2 if cell % 2 == 0 else 1
 
 
-def _shares(cells: int, cell: int, soft: bool) -> np.ndarray:
-    """How much of each place counts for each cell: [cells, places]."""
-    if not soft:
+def _bin_weights(cells: int, cell: int, bilinear: bool) -> np.ndarray:
+    """Weight of each pixel on an axis in each cell: [cells, pixels]."""
+    if not bilinear:
         return np.repeat(np.eye(cells), cell, axis=1)
-    alike = _alike(cell, soft)
-    middles = ((np.arange(cells * cell // alike) + 0.5) * alike / cell - 0.5).clip(0, cells - 1)
-    away = np.abs(np.repeat(middles, alike) - np.arange(cells)[:, None])
-    return np.maximum(1 - away, 0)
+    group = _pixels_of_equal_weight(cell, bilinear)
+    centres = ((np.arange(cells * cell // group) + 0.5) * group / cell - 0.5).clip(0, cells - 1)
+    distances = np.abs(np.repeat(centres, group) - np.arange(cells)[:, None])
+    return np.maximum(1 - distances, 0)

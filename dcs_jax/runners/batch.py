@@ -20,12 +20,12 @@ def track_batch(
     config: Config = Config(),
     mesh: Mesh | None = None,
 ) -> Track:
-    """Follow B boxes through one video, or one box through each of B videos.
+    """Track B boxes through one video, or one box through each of B videos.
 
-    The same boxes as B calls of `track_sequence`, bit for bit with `extras=False`, else up to the
-    rounding of the boxes' sizes, which is another in every compiled program. In less time: on a CPU
-    one thread a core, and the column sums of a frame once a core, not once a target. Memory: beside
-    the frames, that of the states and of a chunk of 32 frames.
+    The same boxes as B calls of `track_sequence`, bit for bit with `scale=None`, else up to the
+    rounding of the boxes' sizes, which differs between compiled programs. In less time: on a CPU
+    one thread a core, and the column sums of a frame once a core, not once a target. Memory: the
+    frames, the states and a chunk of 32 frames.
 
     frames: uint8, NumPy or JAX. One video for all boxes, [T, H, W] grey or [T, H, W, 3] RGB, or a
         video for each, [B, T, H, W] or [B, T, H, W, 3]. Four axes with 3 at the end are always one
@@ -44,7 +44,7 @@ def track_batch(
 
     Returns a Track with a leading axis B on every array, whole in every process.
 
-    Another number of boxes, shape of a frame or static field of the config compiles anew; other
+    Another number of boxes, shape of a frame or static field of the config is compiled; other
     boxes, keys, numbers and lengths T do not.
 
     Raises ValueError, before any compilation, where an argument is not as stated.
@@ -62,10 +62,10 @@ def track_batch(
     slots = Slots(B, frame_shape, keys, resolve_all(config, boxes), mesh, videos)
 
     first = frames[:, 0] if videos else frames[0]
-    parts = [slots.start(first, boxes, np.ones(B, bool))]
-    for begin in range(1, T, slots.length):
-        chunk = slice(begin, begin + slots.length)
-        parts.append(slots.follow(frames[:, chunk] if videos else frames[chunk]))
+    parts = [slots.init(first, boxes, np.ones(B, bool))]
+    for start in range(1, T, slots.length):
+        chunk = slice(start, start + slots.length)
+        parts.append(slots.scan(frames[:, chunk] if videos else frames[chunk]))
     rows = map(slots.rows, parts)
     # The fields of a track are those of a record, in the same order.
     return Track(*jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves, 1)), *rows))

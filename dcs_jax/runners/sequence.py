@@ -19,7 +19,7 @@ def track_sequence(
     key: jax.Array | None = None,
     config: Config = Config(),
 ) -> Track:
-    """Follow a box through a video.
+    """Track a box through a video.
 
     frames: [T, H, W] grey or [T, H, W, 3] RGB, uint8, NumPy or JAX.
     box: [4], x, y, w, h in pixels in the first frame, (x, y) the top-left corner; at least 4 pixels
@@ -27,7 +27,7 @@ def track_sequence(
     key: random key that decides the features; by default `jax.random.key(0)`. The same key gives
         the same boxes, bit for bit.
     config: settings. On a canvas (the default) only another shape of `frames` or another static
-        field compiles anew; with canvas="native" another size of box does, too.
+        field is compiled; with canvas="native" another size of box is, too.
 
     Raises ValueError, before any compilation, where an argument is not as stated.
     """
@@ -44,14 +44,14 @@ def track_sequence(
 
 @jax.jit
 def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
-    state, first = start_track(frames[0], box, key, config)
+    state, first = init_track(frames[0], box, key, config)
     _, rest = track_chunk(state, frames[1:], config)
     infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
     return Track(*infos)
 
 
 @jax.jit
-def start_track(
+def init_track(
     frame: Frame, box: Float[Array, "4"], key: jax.Array, config: Config
 ) -> tuple[State, StepInfo]:
     """The state after the first frame, `init`, and that frame's record, `score`, compiled."""
@@ -61,7 +61,7 @@ def start_track(
 
 @jax.jit
 def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
-    """Follow a track through the next frames of its video: `step` in one `lax.scan`.
+    """Track on through the next frames of a video: `step` in one `lax.scan`.
 
     frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
     over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.

@@ -1,7 +1,7 @@
-"""Slots dealt out to the cores of a CPU or to the devices of a mesh, which run one program each.
+"""Slots sharded over the cores of a CPU or the devices of a mesh, which run one program each.
 
 XLA runs a program of small loops on one core of a CPU, also where halves of it are independent:
-there each share of the slots has a thread of its own. On a mesh it is JAX's sharding that deals.
+there each shard of the slots has a thread of its own. On a mesh JAX shards.
 """
 
 import functools
@@ -24,19 +24,19 @@ Program = Callable[[Any, Any, Any], tuple[Any, Any]]
 
 AXIS = "batch"  # of the mesh
 
-# One thread for the products of a step: the cores are busy with a share of the slots each.
+# One thread for the products of a step: the cores are busy with a shard of the slots each.
 _OPTIONS: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False}
 
 
-class Shares:
-    """How S slots are dealt out.
+class SlotSharding:
+    """The sharding of S slots.
 
-    size: S and what is added to it, so that all shares have one size and with it one program.
+    size: S and what is added to it, so that all shards have one size and with it one program.
     seconds: spent in programs so far, without their compilation.
     """
 
     def __init__(self, slots: int, mesh: Mesh | None = None) -> None:
-        """Shares for the devices along the axis "batch" of a mesh, or for the cores of a CPU."""
+        """Shards for the devices along the axis "batch" of a mesh, or for the cores of a CPU."""
         if mesh is not None and AXIS not in mesh.axis_names:
             raise ValueError(
                 f'mesh must have an axis "{AXIS}", as jax.make_mesh((n,), ("{AXIS}",)) has, '
@@ -49,22 +49,22 @@ class Shares:
         self.size = slots + -slots % self._parts
         self.seconds = 0.0
 
-    def deal(self, each: Tree) -> list[Tree]:
-        """What each share gets of arrays [S, ...], those of the added slots like the last one."""
+    def shard(self, each: Tree) -> list[Tree]:
+        """The shards of arrays [S, ...], those of the added slots like the last one."""
         filled = jax.tree.map(self._fill, each)
         if self._mesh is not None:
             put = functools.partial(_put, NamedSharding(self._mesh, PartitionSpec(AXIS)))
             return [jax.tree.map(put, filled)]
         length = self.size // self._parts
 
-        def part(share: int) -> Tree:
-            rows = slice(share * length, (share + 1) * length)
+        def part(number: int) -> Tree:
+            rows = slice(number * length, (number + 1) * length)
             return jax.tree.map(lambda leaf: jnp.asarray(leaf[rows]), filled)
 
-        return [part(share) for share in range(self._parts)]
+        return [part(number) for number in range(self._parts)]
 
-    def to_all(self, common: Tree) -> Tree:
-        """Arrays that every share gets whole."""
+    def replicate(self, common: Tree) -> Tree:
+        """Arrays that every shard gets whole."""
         if self._mesh is None:
             return jax.tree.map(jnp.asarray, common)
         put = functools.partial(_put, NamedSharding(self._mesh, PartitionSpec()))
@@ -73,21 +73,21 @@ class Shares:
     def run(
         self, program: Program, states: list[Any], each: list[Any], common: Any
     ) -> tuple[list[Any], list[Any]]:
-        """Run a program on all shares at once: their new states and their results."""
+        """Run a program on all shards at once: their new states and their results."""
         calls = [(state, one, common) for state, one in zip(states, each, strict=True)]
-        # One after the other: the shares have the same program.
+        # One after the other: the shards have the same program.
         compiled = [_compiled(program, self._mesh, call) for call in calls]
-        begin = perf_counter()
+        start = perf_counter()
         if len(calls) == 1:
             done = [compiled[0](*calls[0])]
             jax.block_until_ready(done)
         else:
             done = list(_threads().map(_run, compiled, calls))
-        self.seconds += perf_counter() - begin
+        self.seconds += perf_counter() - start
         return [state for state, _ in done], [result for _, result in done]
 
-    def collect(self, results: list[Tree]) -> Tree:
-        """The results of all shares on the host: NumPy arrays [S, ...], in every process."""
+    def gather(self, results: list[Tree]) -> Tree:
+        """The results of all shards on the host: NumPy arrays [S, ...], in every process."""
 
         def whole(*leaves: Any) -> Any:
             if not leaves[0].is_fully_addressable:

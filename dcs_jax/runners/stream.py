@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
 from dcs_jax.config import Config, resolve_all
-from dcs_jax.io.frames import ahead, chunks
+from dcs_jax.io.frames import Frame, ahead, chunks
 from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
-
-Frame = NDArray[np.uint8]
 
 
 class Chunk(NamedTuple):
@@ -56,7 +54,7 @@ class Stream(Iterator[Chunk]):
         self._new = np.arange(slots.size) < len(boxes)
         self._keys: dict[int, jax.Array] = {}
         self._last = first  # the last frame that was yielded
-        self._chunks = self._follow(frames)
+        self._chunks = self._scan(frames)
 
     def __iter__(self) -> "Stream":
         """Itself."""
@@ -72,7 +70,7 @@ class Stream(Iterator[Chunk]):
 
     @property
     def seconds(self) -> float:
-        return self._slots.shares.seconds
+        return self._slots.sharding.seconds
 
     @property
     def active(self) -> NDArray[np.bool_]:
@@ -121,21 +119,21 @@ class Stream(Iterator[Chunk]):
         self._active[slot] = self._new[slot] = False
         self._keys.pop(slot, None)
 
-    def _follow(self, frames: Iterable[Frame]) -> Generator[Chunk]:
+    def _scan(self, frames: Iterable[Frame]) -> Generator[Chunk]:
         first = self._last
-        yield self._chunk(0, first[None], self._start())
+        yield self._chunk(0, first[None], self._init())
         start = 1
         for stack in ahead(chunks(frames, self._slots.length)):
             if self._new.any():
-                self._start()
-            records = self._slots.follow(stack, self._active)
+                self._init()
+            records = self._slots.scan(stack, self._active)
             self._last = stack[-1]
             yield self._chunk(start, stack, records)
             start += len(stack)
 
-    def _start(self) -> Records:
+    def _init(self) -> Records:
         """Start the new tracks in the last frame."""
-        records = self._slots.start(self._last, self._boxes, self._new, self._keys)
+        records = self._slots.init(self._last, self._boxes, self._new, self._keys)
         self._active |= self._new
         self._new[:] = False
         self._keys.clear()
@@ -155,7 +153,7 @@ def track_stream(
     slots: int | None = None,
     chunk: int | None = None,
 ) -> Stream:
-    """Follow boxes through frames as they come, chunk by chunk.
+    """Track boxes through frames as they come, chunk by chunk.
 
         for chunk in dcs_jax.track_stream(source, [(99, 146, 48, 64)]):
             chunk.track.boxes  # [S, n, 4], of the frames from chunk.start on
@@ -197,12 +195,12 @@ def track_stream(
     if keys.ndim:
         keys = keys[np.minimum(np.arange(size), len(boxes) - 1)]
     resolved = resolve_all(config, boxes)
-    places = Slots(size, first.shape, keys, resolved, length=chunk)
-    return Stream(_alike(source, first), first, boxes, places, config)
+    tracks = Slots(size, first.shape, keys, resolved, length=chunk)
+    return Stream(_same_shape(source, first), first, boxes, tracks, config)
 
 
-def _alike(frames: Iterable[Frame], first: Frame) -> Iterator[Frame]:
-    """The frames; ValueError at one that is not like the first."""
+def _same_shape(frames: Iterable[Frame], first: Frame) -> Iterator[Frame]:
+    """The frames; ValueError at one of another shape than the first."""
     for number, frame in enumerate(frames, 1):
         check_frame(frame)
         if frame.shape != first.shape:

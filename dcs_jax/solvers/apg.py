@@ -9,16 +9,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from dcs_jax.solvers.iterate import Method, scan
 from dcs_jax.solvers.problem import Problem, Solution, eigenvalue_bound, noise_penalty
 
 
-class Carry(NamedTuple):
-    """Between two iterations: an iterate, the point it is extrapolated to, momentum t and step."""
+class _ApgState(NamedTuple):
+    """An iterate, the point that it is extrapolated to, and the momentum t."""
 
-    now: Solution
-    ahead: Solution
+    solution: Solution
+    extrapolated: Solution
     momentum: Float[Array, ""]
-    step: Float[Array, "*B"]
 
 
 def solve(problem: Problem, iterations: int) -> Solution:
@@ -27,37 +27,38 @@ def solve(problem: Problem, iterations: int) -> Solution:
     Started from zero, equal columns have equal gradients and so equal coefficients in every
     iterate: solving for the distinct ones with their counts is the same computation.
     """
-    return advance(problem, begin(problem, jnp.zeros_like(problem.counts)), iterations).now
+    apg = method(problem, jnp.zeros_like(problem.counts))
+    state: _ApgState = scan(apg, apg.init, iterations)
+    return state.solution
 
 
-def begin(problem: Problem, beta: Float[Array, "M *B"]) -> Carry:
-    """The state before the first iteration, from these coefficients and no noise."""
-    noise = jnp.zeros((len(problem.labels), *beta.shape[1:]), beta.dtype)
-    first = Solution(beta, noise)
-    step = 1 / (2 * (eigenvalue_bound(problem) + 1))
-    return Carry(first, first, jnp.ones((), beta.dtype), step)
-
-
-def advance(problem: Problem, carry: Carry, iterations: int) -> Carry:
-    """A fixed number of iterations: calls in a row are one call with the sum of their numbers."""
+def method(problem: Problem, start: Float[Array, "M *B"]) -> Method:
+    """The method from these coefficients and no noise."""
     votes, counts, labels, weights, lam, _ = problem
     lam_noise = noise_penalty(problem)
-    step = carry.step
-    labels, weights = (x.reshape(-1, *(1,) * step.ndim) for x in (labels, weights))
+    # One over the Lipschitz constant of the gradient. The identities in W add 1 to the eigenvalue.
+    step_size = 1 / (2 * (eigenvalue_bound(problem) + 1))
+    labels, weights = (x.reshape(-1, *(1,) * step_size.ndim) for x in (labels, weights))
 
-    def iterate(carry: Carry, _: None) -> tuple[Carry, None]:
-        ahead = carry.ahead
+    def step(state: _ApgState) -> _ApgState:
+        ahead = state.extrapolated
+        # As in the problem written out, where each equal row has a noise of its own and each equal
+        # column a coefficient: the step of the noise has no weights, that of beta no counts.
         residual = votes @ (counts * ahead.beta) + ahead.noise - labels
-        beta = ahead.beta - step * (2 * (votes.T @ (weights * residual)) + lam)
-        noise = ahead.noise - 2 * step * residual
-        now = Solution(
+        beta = ahead.beta - step_size * (2 * (votes.T @ (weights * residual)) + lam)
+        noise = ahead.noise - 2 * step_size * residual
+        solution = Solution(
             beta=jnp.maximum(beta, 0),
-            noise=jnp.sign(noise) * jnp.maximum(jnp.abs(noise) - step * lam_noise, 0),
+            noise=jnp.sign(noise) * jnp.maximum(jnp.abs(noise) - step_size * lam_noise, 0),
         )
-        momentum = (1 + jnp.sqrt(1 + 4 * carry.momentum**2)) / 2
-        inertia = (carry.momentum - 1) / momentum
-        ahead = jax.tree.map(lambda x, last: x + inertia * (x - last), now, carry.now)
-        return Carry(now, ahead, momentum, step), None
+        momentum = (1 + jnp.sqrt(1 + 4 * state.momentum**2)) / 2
+        inertia = (state.momentum - 1) / momentum
+        ahead = jax.tree.map(lambda x, last: x + inertia * (x - last), solution, state.solution)
+        return _ApgState(solution, ahead, momentum)
 
-    # Unrolled once, the tracker's small problems take four fifths of the time.
-    return jax.lax.scan(iterate, carry, length=iterations, unroll=2)[0]
+    solution = Solution(start, jnp.zeros((len(labels), *start.shape[1:]), start.dtype))
+    return Method(
+        _ApgState(solution, solution, jnp.ones((), start.dtype)),
+        step,
+        lambda state: (state.solution.beta, None),
+    )

@@ -1,4 +1,4 @@
-"""How good a solution of the selection problem is: its objective, and a bound on the least one.
+"""Certificate of a solution of the selection problem: its objective, and a bound on the minimum.
 
 The noise e can be eliminated from the problem of `problem`: the best one for a residual
 r = y - Phi beta is r shrunk by t = lam_noise / 2, which leaves
@@ -26,7 +26,7 @@ class Certificate(NamedTuple):
     """What is known of a solution.
 
     noise: [L], the best e for these coefficients. objective: [], P(beta).
-    bound: [], D of the dual point: no coefficients have a lower objective.
+    bound: [], D of the dual point, a lower bound of the objective of any coefficients.
     """
 
     noise: Float[Array, " L"]
@@ -39,8 +39,8 @@ def certify(
 ) -> Certificate:
     """Bound the distance of beta to the optimum with a dual point.
 
-    theta: [L], any numbers near a solution of the dual problem: they are made feasible, by clipping
-        and by scaling. By default the residual of beta, which is the dual solution at the optimum.
+    theta: [L], numbers near a solution of the dual problem, which are clipped and scaled until they
+        are feasible. By default the residual of beta, which at the optimum solves the dual problem.
     """
     votes, counts, labels, weights, lam, _ = problem
     limit = noise_penalty(problem) / 2
@@ -48,13 +48,13 @@ def certify(
     clipped = jnp.clip(residual, -limit, limit)
     theta = clipped if theta is None else jnp.clip(theta, -limit, limit)
     correlation = jnp.where(counts > 0, (weights * theta) @ votes, 0)
-    # What rounding may leave unseen of a correlation and of an objective, or the bound is none.
+    # The rounding errors of a correlation and of an objective count, or the bound is not valid.
     eps = jnp.finfo(correlation.dtype).eps
-    unseen = eps * jnp.abs(votes).max(0) * jnp.linalg.norm(weights * theta)
-    largest = (correlation + jnp.where(counts > 0, unseen, 0)).max()
+    rounding = eps * jnp.abs(votes).max(0) * jnp.linalg.norm(weights * theta)
+    largest = (correlation + jnp.where(counts > 0, rounding, 0)).max()
     scale = jnp.where(largest > lam / 2, lam / 2 / jnp.where(largest > 0, largest, 1), 1)
     theta, correlation = scale * theta, scale * correlation
-    # P - D in terms that are none of them negative, as the difference of two sums would lose the
+    # P - D as a sum of terms that are not negative, as the difference of two sums would lose the
     # digits that matter: row by row h(r) + theta^2 - 2 theta r, column by column beta (lam - 2 c).
     rows = (clipped - theta) * (2 * residual - clipped - theta)
     columns = counts * beta * (lam - 2 * correlation)

@@ -15,6 +15,7 @@ Source: S. Mehrotra, On the implementation of a primal-dual interior point metho
 Gondzio's centrality correctors (Multiple centrality corrections in a primal-dual method, 1996).
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -25,26 +26,26 @@ from jaxtyping import Array, Float
 from dcs_jax.solvers.iterate import Method
 from dcs_jax.solvers.problem import Problem, noise_penalty
 
-# Of the way to the boundary, a step goes this far.
+# A step goes this share of the way to the boundary.
 _STEP = 0.99
-# The noise of a row at the start, in units of the largest label. 0.1 takes about one step less than
-# 1, and with coefficients of 1 / sqrt(M) one step in ten less than with 1 / M.
+# Least noise of a row at the start, in units of the largest label. 0.1 takes about one step less
+# than 1, and coefficients of 1 / sqrt(M) take one step in ten less than 1 / M.
 _LEAST_NOISE = 0.1
-# Each costs two triangular solves. On 100 x 200 votes none takes 185 ms for 100 problems, one 152,
-# two 159, three 182.
+# Centrality corrections, of two triangular solves each. 100 problems of 100 x 200 take 185 ms with
+# none, 152 with one, 159 with two, 182 with three.
 _CORRECTIONS = 1
-# Complementarity products are corrected into this range around their target.
+# Complementarity products are corrected to within this factor of their target.
 _SPREAD = 10.0
-# The quadratic term that keeps each step's coefficients near the last ones, in bounds of their
-# constraints. Without it float32 stalls at a gap of 1e-4 to 1e-3, or ends in NaN; with it 1e-6 is
-# reached in as many steps. In units of the square root of rounding: 30 is 1e-2 in float32, where
-# 1e-1 takes more steps and 1e-3 leaves some problems stalled.
+# Weight of the quadratic (proximal) term that keeps each step's coefficients near the last ones, in
+# bounds of their constraints. Without it float32 stalls at a gap of 1e-4 to 1e-3, or ends in NaN;
+# with it 1e-6 is reached in as many steps. In units of the square root of rounding: 30 is 1e-2 in
+# float32, where 1e-1 takes more steps and 1e-3 leaves some problems stalled.
 _DAMPING = 30.0
-# The least bound, in units of rounding: with lam = 0 there would be no interior.
+# Least bound of a constraint, in units of rounding: with lam = 0 there would be no interior.
 _LEAST_BOUND = 1.0
 
 
-class Carry(NamedTuple):
+class _InteriorState(NamedTuple):
     """An interior iterate: theta [L], multipliers x and slacks s [M + 2 L] of the constraints."""
 
     theta: Float[Array, " L"]
@@ -62,13 +63,16 @@ class _Scaled(NamedTuple):
     column_scale: Float[Array, " M"]
 
 
-def method(problem: Problem) -> Method:
-    """The method from its own start: theta = 0, and noise that takes up the labels."""
+def method(problem: Problem, start: Float[Array, " M"]) -> Method:
+    """The method from a start of its own: theta = 0, and noise that takes up the labels.
+
+    start: [M], not used: coefficients of 0 lie on the boundary, where the method cannot start.
+    """
     scaled = _scale(problem)
     columns, rows = scaled.votes.shape
     beta = jnp.full(columns, columns**-0.5, scaled.votes.dtype)
     noise = scaled.labels - beta @ scaled.votes
-    first = Carry(
+    init = _InteriorState(
         jnp.zeros(rows, noise.dtype),
         jnp.concatenate(
             [beta, jnp.maximum(noise, 0) + _LEAST_NOISE, jnp.maximum(-noise, 0) + _LEAST_NOISE]
@@ -76,15 +80,10 @@ def method(problem: Problem) -> Method:
         scaled.bound,
     )
 
-    def advance(carry: Carry, iterations: int) -> Carry:
-        return jax.lax.scan(
-            lambda carry, _: (_step(scaled, carry), None), carry, length=iterations
-        )[0]
+    def solution(state: _InteriorState) -> tuple[Float[Array, " M"], Float[Array, " L"]]:
+        return state.multiplier[:columns] * scaled.column_scale, state.theta * scaled.row_scale
 
-    def solution(carry: Carry) -> tuple[Float[Array, " M"], Float[Array, " L"]]:
-        return carry.multiplier[:columns] * scaled.column_scale, carry.theta * scaled.row_scale
-
-    return Method(first, advance, solution)
+    return Method(init, functools.partial(_step, scaled), solution)
 
 
 def _scale(problem: Problem) -> _Scaled:
@@ -107,11 +106,11 @@ def _scale(problem: Problem) -> _Scaled:
     )
 
 
-def _step(scaled: _Scaled, carry: Carry) -> Carry:
+def _step(scaled: _Scaled, state: _InteriorState) -> _InteriorState:
     """One predictor-corrector step."""
     votes, labels, bound, *_ = scaled
     columns = votes.shape[0]
-    theta, multiplier, slack = carry
+    theta, multiplier, slack = state
     damping = _DAMPING * jnp.finfo(bound.dtype).eps ** 0.5 * bound
     damping = jnp.where(jnp.arange(bound.shape[0]) < columns, damping, 0)
     denominator = slack + damping * multiplier
@@ -120,15 +119,15 @@ def _step(scaled: _Scaled, carry: Carry) -> Carry:
     primal = labels - theta - _adjoint(votes, multiplier)
     dual = bound - slack - _forward(votes, theta)
 
-    def direction(change: Float[Array, " constraints"]) -> Carry:
+    def direction(change: Float[Array, " constraints"]) -> _InteriorState:
         """The Newton step that changes the products x s by this much, to first order."""
         towards = change / denominator - ratio * dual
         d_theta = solve(primal, towards)
         forward = _forward(votes, d_theta)
         d_multiplier = towards + ratio * forward
-        return Carry(d_theta, d_multiplier, dual - forward + damping * d_multiplier)
+        return _InteriorState(d_theta, d_multiplier, dual - forward + damping * d_multiplier)
 
-    def length(step: Carry) -> Float[Array, ""]:
+    def length(step: _InteriorState) -> Float[Array, ""]:
         """How far the step may go, at most 1, before a multiplier or a slack is 0."""
         return 1 / jnp.maximum(
             jnp.maximum((-step.multiplier / multiplier).max(), (-step.slack / slack).max()), 1
@@ -139,11 +138,13 @@ def _step(scaled: _Scaled, carry: Carry) -> Carry:
     predictor = direction(-product)
     reach = length(predictor)
     reached = (multiplier + reach * predictor.multiplier) * (slack + reach * predictor.slack)
+    # Mehrotra's target: the further the predictor gets, the less centring.
     target = (reached.mean() / mean) ** 3 * mean
     change = target - predictor.multiplier * predictor.slack - product
     step = direction(change)
     reach = length(step)
     for _ in range(_CORRECTIONS):
+        # Gondzio's: aim a little further than the step reaches, correct what is far from target.
         trial = jnp.minimum(1.1 * reach + 0.1, 1)
         reached = (multiplier + trial * step.multiplier) * (slack + trial * step.slack)
         correction = jnp.clip(reached, target / _SPREAD, target * _SPREAD) - reached
@@ -156,7 +157,7 @@ def _step(scaled: _Scaled, carry: Carry) -> Carry:
             (corrected, corrected_change, corrected_reach),
             (step, change, reach),
         )
-    return jax.tree.map(lambda x, dx: x + jnp.minimum(_STEP * reach, 1) * dx, carry, step)
+    return jax.tree.map(lambda x, dx: x + jnp.minimum(_STEP * reach, 1) * dx, state, step)
 
 
 def _forward(votes: Float[Array, "M L"], theta: Float[Array, " L"]) -> Float[Array, " constraints"]:
@@ -173,7 +174,7 @@ def _adjoint(votes: Float[Array, "M L"], x: Float[Array, " constraints"]) -> Flo
 def _factorise(
     votes: Float[Array, "M L"], ratio: Float[Array, " constraints"]
 ) -> Callable[[Float[Array, " L"], Float[Array, " constraints"]], Float[Array, " L"]]:
-    """A function of p and x that returns the solution of (I + G' diag(ratio) G) d = p - G' x."""
+    """Function of p and x that returns the solution of (I + G' diag(ratio) G) d = p - G' x."""
     columns, rows = votes.shape
     inner = ratio[:columns]
     diagonal = 1 + ratio[columns : columns + rows] + ratio[columns + rows :]
@@ -183,7 +184,7 @@ def _factorise(
     solve = _cholesky((votes / diagonal) @ votes.T, 1 / inner)
 
     def by_columns(p: Float[Array, " L"], x: Float[Array, " constraints"]) -> Float[Array, " L"]:
-        # For the change of beta, not by the Woodbury formula, whose two terms cancel.
+        # Solved for the change of beta: the two terms of the Woodbury formula cancel.
         rest = p - x[columns : columns + rows] + x[columns + rows :]
         beta = solve(x[:columns] / inner + votes @ (rest / diagonal))
         return (rest - beta @ votes) / diagonal
@@ -194,7 +195,7 @@ def _factorise(
 def _cholesky(
     matrix: Float[Array, "n n"], diagonal: Float[Array, " n"]
 ) -> Callable[[Float[Array, " n"]], Float[Array, " n"]]:
-    """A function that solves (matrix + diag(diagonal)) x = g."""
+    """Function that solves (matrix + diag(diagonal)) x = g."""
     factor = jax.lax.linalg.cholesky(matrix + jnp.diag(diagonal), symmetrize_input=False)
 
     def solve(g: Float[Array, " n"]) -> Float[Array, " n"]:

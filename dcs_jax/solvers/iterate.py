@@ -1,4 +1,4 @@
-"""Iterate until a duality gap is small enough: the same loop for every method."""
+"""Iteration until the duality gap is small enough: the same loop around every method."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -10,29 +10,30 @@ from jaxtyping import Array, Bool, Float, Int32
 from dcs_jax.solvers.certificate import Certificate, certify
 from dcs_jax.solvers.problem import Problem
 
-# An objective this small a part of that of beta = 0 is 0 but for rounding: a gap is relative to
-# this part then.
+# An objective below this share of that of beta = 0 is 0 up to rounding: the gap is then relative to
+# this share.
 SMALLEST_OBJECTIVE = 1e-6
 
 
 class Method(NamedTuple):
-    """An iterative method on one problem.
+    """An iterative method on one problem, as each solver's `method(problem, start)` makes it.
 
-    first: the state before the first iteration, any pytree.
-    advance: the state after a static number of further iterations.
-    solution: a state's coefficients beta [M], and a dual point theta [L] or None.
+    init: state before the first iteration, any pytree.
+    step: function of a state that returns the one after one more iteration.
+    solution: function of a state that returns its coefficients beta [M], and a dual point
+        theta [L] or None.
     """
 
-    first: Any
-    advance: Callable[[Any, int], Any]
+    init: Any
+    step: Callable[[Any], Any]
     solution: Callable[[Any], tuple[Float[Array, " M"], Float[Array, " L"] | None]]
 
 
-class Outcome(NamedTuple):
+class Solved(NamedTuple):
     """The best coefficients seen, and what is known of them.
 
-    beta: [M]. noise: [L]. objective: [], the least one of all iterates looked at.
-    gap: [], an upper bound of (objective - minimum) / objective, not negative; relative to
+    beta: [M]. noise: [L]. objective: [], the least of all iterates looked at.
+    gap: [], upper bound of (objective - minimum) / objective, not negative; relative to
         `SMALLEST_OBJECTIVE` times the objective of beta = 0 where that is more.
     iterations: [] int32.
     """
@@ -44,16 +45,24 @@ class Outcome(NamedTuple):
     iterations: Int32[Array, ""]
 
 
-class _Carry(NamedTuple):
-    """The loop: the method's state, the best solution and bound so far, if all is finite."""
+class _LoopState(NamedTuple):
+    """The method's state, the best solution and bound so far, and whether all is finite."""
 
-    state: Any
+    method_state: Any
     beta: Float[Array, " M"]
     noise: Float[Array, " L"]
     objective: Float[Array, ""]
     bound: Float[Array, ""]
     iterations: Int32[Array, ""]
     finite: Bool[Array, ""]
+
+
+def scan(method: Method, state: Any, iterations: int) -> Any:
+    """The state after a static number of further iterations."""
+    # Unrolled once, the tracker's small problems take four fifths of the time.
+    return jax.lax.scan(
+        lambda state, _: (method.step(state), None), state, length=iterations, unroll=2
+    )[0]
 
 
 def iterate(
@@ -63,19 +72,19 @@ def iterate(
     tol: float | Float[Array, ""],
     max_iterations: int,
     every: int,
-) -> Outcome:
+) -> Solved:
     """Run a method until the gap is at most tol, or for a number of iterations.
 
-    start: [M], coefficients to fall back on, looked at first beside beta = 0; or None.
+    start: [M], coefficients to compare with the method's, as beta = 0 is always; or None.
     every: iterations between two looks at the gap; `max_iterations` is rounded up to it.
 
-    A method whose numbers are no longer finite ends, with the best it had.
+    A method ends early where its numbers are no longer finite. The best solution so far counts.
     """
     zero = jnp.zeros_like(problem.counts)
     at_zero = certify(problem, zero)
     scale = SMALLEST_OBJECTIVE * at_zero.objective
-    first = _Carry(
-        method.first,
+    init = _LoopState(
+        method.init,
         zero,
         at_zero.noise,
         at_zero.objective,
@@ -84,35 +93,35 @@ def iterate(
         jnp.ones((), bool),
     )
     if start is not None:
-        first = _better(first, start, certify(problem, start))
+        init = _better(init, start, certify(problem, start))
 
-    def gap(carry: _Carry) -> Float[Array, ""]:
-        largest = jnp.maximum(jnp.maximum(carry.objective, scale), jnp.finfo(scale.dtype).tiny)
-        return jnp.maximum(carry.objective - carry.bound, 0) / largest
+    def gap(state: _LoopState) -> Float[Array, ""]:
+        largest = jnp.maximum(jnp.maximum(state.objective, scale), jnp.finfo(scale.dtype).tiny)
+        return jnp.maximum(state.objective - state.bound, 0) / largest
 
-    def unfinished(carry: _Carry) -> Bool[Array, ""]:
-        return carry.finite & (gap(carry) > tol) & (carry.iterations < max_iterations)
+    def unfinished(state: _LoopState) -> Bool[Array, ""]:
+        return state.finite & (gap(state) > tol) & (state.iterations < max_iterations)
 
-    def advance(carry: _Carry) -> _Carry:
-        state = method.advance(carry.state, every)
-        beta, theta = method.solution(state)
+    def step(state: _LoopState) -> _LoopState:
+        method_state = scan(method, state.method_state, every)
+        beta, theta = method.solution(method_state)
         known = certify(problem, beta, theta)
-        return _better(carry, beta, known)._replace(
-            state=state,
-            iterations=carry.iterations + every,
+        return _better(state, beta, known)._replace(
+            method_state=method_state,
+            iterations=state.iterations + every,
             finite=jnp.isfinite(known.objective),
         )
 
-    last = jax.lax.while_loop(unfinished, advance, first)
-    return Outcome(last.beta, last.noise, last.objective, gap(last), last.iterations)
+    last = jax.lax.while_loop(unfinished, step, init)
+    return Solved(last.beta, last.noise, last.objective, gap(last), last.iterations)
 
 
-def _better(carry: _Carry, beta: Float[Array, " M"], known: Certificate) -> _Carry:
-    """The loop with these coefficients where they are better than the best so far."""
-    better = known.objective < carry.objective
-    return carry._replace(
-        beta=jnp.where(better, beta, carry.beta),
-        noise=jnp.where(better, known.noise, carry.noise),
-        objective=jnp.where(better, known.objective, carry.objective),
-        bound=jnp.where(known.bound > carry.bound, known.bound, carry.bound),
+def _better(state: _LoopState, beta: Float[Array, " M"], known: Certificate) -> _LoopState:
+    """The state with these coefficients where they are better than the best so far."""
+    better = known.objective < state.objective
+    return state._replace(
+        beta=jnp.where(better, beta, state.beta),
+        noise=jnp.where(better, known.noise, state.noise),
+        objective=jnp.where(better, known.objective, state.objective),
+        bound=jnp.where(known.bound > state.bound, known.bound, state.bound),
     )

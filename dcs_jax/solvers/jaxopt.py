@@ -1,11 +1,8 @@
-"""jaxopt's proximal gradient on the selection problem as printed, to hold others against.
+"""The proximal gradient of the package jaxopt, for comparison.
 
-It needs the package `jaxopt`, which the library does not depend on, and builds W = [Phi I -I].
+It solves the problem as the paper prints it, with W = [Phi I -I] in memory.
 """
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -15,6 +12,7 @@ from dcs_jax.solvers.problem import Problem, noise_penalty
 
 def method(problem: Problem, start: Float[Array, " M"]) -> Method:
     """The method with jaxopt's own step lengths, from these coefficients and no noise."""
+    # Here, not above: the import takes half a second, and warns that jaxopt is not maintained.
     import jaxopt
 
     votes, counts, labels, weights, lam, _ = problem
@@ -28,13 +26,9 @@ def method(problem: Problem, start: Float[Array, " M"]) -> Method:
         return jnp.sum((root * (w @ c - labels)) ** 2)
 
     solver = jaxopt.ProximalGradient(squares, jaxopt.prox.prox_non_negative_lasso, tol=0.0)
-    first = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])
-
-    def once(carry: Any, _: None) -> tuple[Any, None]:
-        return tuple(solver.update(*carry, hyperparams_prox=penalty)), None
-
+    c = jnp.concatenate([start, jnp.zeros(2 * rows, start.dtype)])
     return Method(
-        (first, solver.init_state(first, hyperparams_prox=penalty)),
-        lambda carry, iterations: jax.lax.scan(once, carry, length=iterations)[0],
-        lambda carry: (carry[0][:columns], None),
+        jaxopt.OptStep(c, solver.init_state(c, hyperparams_prox=penalty)),
+        lambda state: solver.update(*state, hyperparams_prox=penalty),
+        lambda state: (state.params[:columns], None),
     )

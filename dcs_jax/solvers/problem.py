@@ -14,18 +14,18 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-# Up to so many rows the looser of the two bounds on the step is taken.
+# Up to this many rows the looser bound is used, in a tenth of the time.
 _FEW_ROWS = 8
 _SQUARINGS = 4
 
 
 class Problem(NamedTuple):
-    """One selection problem; equal columns and equal rows may be given once, with their number.
+    """One selection problem. Equal columns and equal rows may be given once, with their number.
 
-    votes: [L, M] real, Phi: a column for each distinct classifier.
-    counts: [M], how many classifiers vote like this, not negative; or [M, B], B problems at once
-        with the same distinct classifiers, each with counts of its own.
-    labels: [L] real. weights: [L], how many rows are like this, not negative.
+    votes: [L, M] real, Phi: a row for each distinct sample, a column for each distinct classifier.
+    counts: [M], number of classifiers that vote like this, not negative; or [M, B], B problems at
+        once with the same distinct classifiers, each with counts of its own.
+    labels: [L] real, y. weights: [L], number of samples like this, not negative.
     lam: [], weight of the l1 penalty on the coefficients, not negative.
     lam_noise: [], weight of the l1 penalty on the noise, not negative; None: lam, as in the paper.
     """
@@ -42,7 +42,7 @@ class Solution(NamedTuple):
     """Where the solver stopped.
 
     beta: [M] or [M, B], coefficient of each of the classifiers that vote alike, not negative.
-    noise: [L] or [L, B], e, by how much the model corrects each row's label.
+    noise: [L] or [L, B], e, the model's correction of each sample's label.
     """
 
     beta: Float[Array, "M *B"]
@@ -66,9 +66,9 @@ def eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     """An upper bound of the largest eigenvalue of Phi' diag(w) Phi: [] or [B].
 
     tr(G^16)^(1/16), at most L^(1/16) times the eigenvalue, by squaring the small L x L Gram matrix
-    four times; of a few rows tr(G^2)^(1/2), in a tenth of the time (on the tracker's votes 1.08
-    times the eigenvalue in the mean and 1.15 at most). A power iteration comes from below instead:
-    its step may be too long, and its error depends on the eigenvalues.
+    four times; for few rows tr(G^2)^(1/2), in a tenth of the time (on the tracker's votes 1.08
+    times the eigenvalue in the mean and 1.15 at most). A power iteration approaches the eigenvalue
+    from below: a step from it may be too long, and its error depends on the eigenvalues.
     """
     scaled = problem.votes * jnp.sqrt(problem.weights)[:, None]
     if problem.counts.ndim == 1:

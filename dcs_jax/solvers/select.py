@@ -1,8 +1,8 @@
-"""Selection as a function of its own: a few classifiers for rows whose labels may be wrong."""
+"""`select_classifiers`, the public function: a few classifiers for samples with wrong labels."""
 
 import functools
-from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -11,24 +11,41 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.checks import as_numbers, check_choice, check_count, check_key
 from dcs_jax.solvers import apg, interior, jaxopt, projected_gradient
-from dcs_jax.solvers.iterate import Method, Outcome, iterate
+from dcs_jax.solvers.iterate import Method, Solved, iterate
 from dcs_jax.solvers.problem import Problem
 from dcs_jax.solvers.ties import is_maximum
 
 Solver = Literal["auto", "apg", "interior", "projected_gradient", "jaxopt"]
 Tie = Literal["first", "error", "random"]
-Real = jax.Array | np.ndarray
+Real = jax.Array | np.ndarray | Sequence[Any]
 Penalty = float | jax.Array | np.ndarray
 
-# Iterations between two looks at the gap, and the most of them unless stated. A look costs the
-# gradient methods as much as an iteration, the interior point method next to nothing.
-_EVERY = {"apg": 10, "interior": 1, "projected_gradient": 10, "jaxopt": 10}
-_MOST = {"apg": 20_000, "interior": 100, "projected_gradient": 20_000, "jaxopt": 20_000}
 
-# Problems are solved in blocks of about this many votes. By the interior point method, 100 of
-# 100 x 200 take 155 ms one by one, 180 in tens and 310 all at once, where the slowest keeps the
-# others waiting; 30 iterations of apg on 100 of 5 x 200 take 2.5 ms in twenties, 1.5 all at once.
-_BLOCK = {"apg": 200_000, "interior": 20_000, "projected_gradient": 200_000, "jaxopt": 20_000}
+class _Settings(NamedTuple):
+    """A solver's method, and how it is run.
+
+    every: iterations between two looks at the gap. most: default maximum of iterations.
+    block: approximate number of votes of the problems that are solved at once.
+    """
+
+    method: Callable[[Problem, Float[Array, " M"]], Method]
+    every: int
+    most: int
+    block: int
+
+
+# A look at the gap costs the gradient methods as much as an iteration, the interior point method
+# next to nothing. By the latter, 100 problems of 100 x 200 take 155 ms one by one, 180 in tens and
+# 310 all at once, where the slowest keeps the others waiting; 30 iterations of apg on 100 problems
+# of 5 x 200 take 2.5 ms in twenties, 1.5 all at once.
+_SOLVERS = {
+    "apg": _Settings(apg.method, every=10, most=20_000, block=200_000),
+    "interior": _Settings(interior.method, every=1, most=100, block=20_000),
+    "projected_gradient": _Settings(
+        projected_gradient.method, every=10, most=20_000, block=200_000
+    ),
+    "jaxopt": _Settings(jaxopt.method, every=10, most=20_000, block=20_000),
+}
 
 
 class Selection(NamedTuple):
@@ -37,13 +54,13 @@ class Selection(NamedTuple):
     index: [...] int32 in [0, M), the selected classifier: the largest coefficient under the tie
         rule; where all are 0, the classifier with the largest sum_l w_l phi_lm y_l.
     beta: [..., M] coefficients, not negative.
-    noise: [..., L] e, by how much the model corrects each row's label; 0 where it believes it.
+    noise: [..., L] e, the model's correction of each sample's label; 0 where it is believed.
     objective: [...] value of the problem at beta and noise, not negative.
     gap: [...] duality gap relative to the objective: an upper bound of
         (objective - minimum) / objective. Where the objective is below 1e-6 of that of beta = 0,
         the gap is relative to this 1e-6.
     iterations: [...] int32, iterations of the solver.
-    converged: [...] bool, whether the gap is at most `tol`.
+    converged: [...] bool, true where the gap is at most `tol`.
     """
 
     index: Int32[Array, "..."]  # type: ignore[assignment]  # hides tuple.index
@@ -75,43 +92,46 @@ def select_classifiers(
         min over beta >= 0, e of
             sum_l w_l [(phi_l' beta + e_l - y_l)^2 + lam_noise |e_l|] + lam sum_m beta_m
 
-    the paper's eq. 14 and 15, with multiplicities w of the rows and a weight of its own for the
-    noise. Any leading dimensions [...] are a batch of problems; they broadcast.
+    These are the paper's eq. 14 and 15, with multiplicities w of the samples and a penalty of its
+    own for the noise. Any leading dimensions [...] are a batch of problems; they broadcast.
 
-    votes: [..., L, M] real, the votes phi of M classifiers on L rows, -1 and 1 in the paper.
+    votes: [..., L, M] real, the votes phi of M classifiers on L samples, -1 and 1 in the paper.
     labels: [..., L] real, y.
     lam, lam_noise: [...] weights of the penalties, finite and not negative; `lam_noise` None: lam,
         the paper's choice. Another value compiles nothing.
-    weights: [..., L] not negative, how many rows each row stands for; None: one.
-    solver: "interior", a primal-dual interior point method; "apg", the tracker's accelerated
-        proximal gradient; "auto", the first with a tolerance and the second without, as at any
-        shape measured the gap is reached sooner by the first; and to compare with,
-        "projected_gradient" and "jaxopt" (jaxopt's proximal gradient; needs that package).
-    tol: the duality gap to stop at; None: stop after `max_iterations` only.
-    max_iterations: the most iterations, by default 100 of "interior" and 20 000 of the others. With
-        a tolerance it is rounded up to the iterations between two looks at the gap: 1 and 10.
-    tie: which of several largest coefficients, equal within a relative tolerance of 1e-3, is
-        taken: "first", the first one; "error", the one of least `errors` [..., M]; "random", any
-        with the same probability, drawn with the random key `key`. In the tracker (paper setting on
-        the canvas, seven sequences, 10 seeds) the success rate is 0.88 with "first", 0.61 with
-        "error", which takes the same few classifiers frame after frame, and 0.89 with "random".
+    weights: [..., L] not negative, number of samples that each sample stands for; None: one.
+    solver: method: "interior", a primal-dual interior point method; "apg", the tracker's
+        accelerated proximal gradient; "auto", the first with a tolerance and the second without, as
+        at every shape measured the first reaches the gap sooner; for comparison,
+        "projected_gradient" and "jaxopt", the proximal gradient of that package, imported on use.
+    tol: duality gap to stop at; None: stop after `max_iterations` only.
+    max_iterations: maximum of iterations, by default 100 of "interior" and 20 000 of the others.
+        With a tolerance it is rounded up to the iterations between two looks at the gap: 1 and 10.
+    tie: rule that chooses among the largest coefficients, equal within a relative tolerance of
+        1e-3: "first", the first one; "error", the one of least `errors`; "random", any with the
+        same probability. In the tracker (paper setting on the canvas, seven sequences, 10 seeds)
+        the success rate is 0.88 with "first", 0.61 with "error", which prefers the same few
+        classifiers in every frame, and 0.89 with "random".
+    errors: [..., M] real, with tie="error" only.
+    key: random key, with tie="random" only.
     start: [..., M] not negative, coefficients to start from, such as those for another lambda.
-        "interior" starts from its own; it only returns these if they are good enough already.
+        "interior" has a start of its own; it returns these only if they are good enough already.
 
     Works under jit, vmap, scan and sharding, in the type of `votes`: float64, or else float32.
 
-    lam = 0 leaves the coefficients free, and a gap is then often out of reach of rounding:
-    `converged` tells. With lam_noise = 0 the noise takes up all labels: beta = 0, e = y. beta is
-    0, too, for lam of at least 2 sum_l w_l phi_lm clip(y_l, -lam_noise / 2, lam_noise / 2), all m.
+    With lam = 0 the coefficients are free, and rounding often keeps the gap above `tol`:
+    `converged` is then false. With lam_noise = 0 the noise takes up all labels: beta = 0, e = y.
+    beta is also 0 where, for all m, lam is at least
+    2 sum_l w_l phi_lm clip(y_l, -lam_noise / 2, lam_noise / 2).
 
     Raises ValueError where an argument is not as stated; inside a transformation, where values are
     not known, only for shapes.
     """
     check_choice("solver", solver, get_args(Solver))
     check_choice("tie", tie, get_args(Tie))
-    for name, given, rule in (("errors", errors, "error"), ("key", key, "random")):
-        if (given is not None) != (tie == rule):
-            state = "missing" if given is None else "given"
+    for name, value, rule in (("errors", errors, "error"), ("key", key, "random")):
+        if (value is not None) != (tie == rule):
+            state = "missing" if value is None else "given"
             raise ValueError(f"{name} goes with tie={rule!r} only, but is {state} at tie={tie!r}")
     if key is not None:
         check_key(key)
@@ -130,19 +150,14 @@ def select_classifiers(
     dtype = jnp.dtype("float64" if double else "float32")
     weights = np.ones(rows, np.float32) if weights is None else weights
     lam_noise = lam if lam_noise is None else lam_noise
+    coefficients = np.zeros(columns, np.float32) if start is None else start
     problems = _Problems(
         as_numbers("votes", votes, dtype, (rows, columns)),
         as_numbers("labels", labels, dtype, (rows,)),
         as_numbers("weights", weights, dtype, (rows,), least=0),
         as_numbers("lam", lam, dtype, (), least=0),
         as_numbers("lam_noise", lam_noise, dtype, (), least=0),
-        as_numbers(
-            "start",
-            np.zeros(columns, np.float32) if start is None else start,
-            dtype,
-            (columns,),
-            least=0,
-        ),
+        as_numbers("start", coefficients, dtype, (columns,), least=0),
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
@@ -152,12 +167,12 @@ def select_classifiers(
         solver = "apg" if tol is None else "interior"
     return _select(
         problems,
-        # Below any gap: the solver stops after its iterations only.
+        # No gap is below -1: the solver stops only after its iterations.
         jnp.asarray(-1, dtype) if tol is None else as_numbers("tol", tol, dtype, (), least=0),
         errors,
         key,
         solver=solver,
-        most=_MOST[solver] if max_iterations is None else int(max_iterations),
+        most=_SOLVERS[solver].most if max_iterations is None else int(max_iterations),
         fixed=tol is None,
         started=start is not None,
         tie=tie,
@@ -165,7 +180,7 @@ def select_classifiers(
 
 
 class _Problems(NamedTuple):
-    """One problem, or with leading dimensions a batch of them."""
+    """One problem, or a batch of problems with leading dimensions."""
 
     votes: Float[Array, "*batch L M"]
     labels: Float[Array, "*batch L"]
@@ -176,7 +191,7 @@ class _Problems(NamedTuple):
 
 
 def _broadcast(problems: _Problems) -> _Problems:
-    """All leading dimensions alike; ValueError where they do not broadcast."""
+    """The problems with equal leading dimensions; ValueError where they do not broadcast."""
     sizes = (2, 1, 1, 0, 0, 1)
     leading = [
         array.shape[: array.ndim - size] for array, size in zip(problems, sizes, strict=True)
@@ -194,23 +209,6 @@ def _broadcast(problems: _Problems) -> _Problems:
             for array, size in zip(problems, sizes, strict=True)
         )
     )
-
-
-def _apg(problem: Problem, start: Float[Array, " M"]) -> Method:
-    """The tracker's solver, from any coefficients."""
-    return Method(
-        apg.begin(problem, start),
-        functools.partial(apg.advance, problem),
-        lambda carry: (carry.now.beta, None),
-    )
-
-
-_METHODS: dict[str, Callable[[Problem, Float[Array, " M"]], Method]] = {
-    "apg": _apg,
-    "interior": lambda problem, _: interior.method(problem),
-    "projected_gradient": projected_gradient.method,
-    "jaxopt": jaxopt.method,
-}
 
 
 @functools.partial(jax.jit, static_argnames=("solver", "most", "fixed", "started", "tie"))
@@ -231,22 +229,25 @@ def _select(
     rows, columns = problems.votes.shape[-2:]
     batch = problems.lam.shape
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), problems)
-    every = most if fixed and solver != "interior" else min(_EVERY[solver], most)
+    settings = _SOLVERS[solver]
+    every = most if fixed and solver != "interior" else min(settings.every, most)
 
-    def solve(one: _Problems) -> Outcome:
+    def solve(one: _Problems) -> Solved:
         problem = Problem(
             one.votes, jnp.ones_like(one.start), one.labels, one.weights, one.lam, one.lam_noise
         )
-        method = _METHODS[solver](problem, one.start)
+        method = settings.method(problem, one.start)
         return iterate(problem, method, one.start if started else None, tol, most, every)
 
-    block = max(1, _BLOCK[solver] // (rows * columns))
+    block = max(1, settings.block // (rows * columns))
+    # By default accelerators multiply float32 in a lower precision, which limits the gap.
     with jax.default_matmul_precision("highest"):
         found = jax.lax.map(solve, flat, batch_size=min(block, flat.lam.size))
+        # b: problems, l: samples, m: classifiers
         correlation = jnp.einsum("blm,bl->bm", flat.votes, flat.weights * flat.labels)
     found = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), found)
-    nothing = ~(found.beta > 0).any(-1, keepdims=True)
-    scores = jnp.where(nothing, correlation.reshape(*batch, columns), found.beta)
+    all_zero = ~(found.beta > 0).any(-1, keepdims=True)
+    scores = jnp.where(all_zero, correlation.reshape(*batch, columns), found.beta)
     tied = jnp.moveaxis(is_maximum(jnp.moveaxis(scores, -1, 0)), 0, -1)
     match tie:
         case "first":
@@ -258,12 +259,4 @@ def _select(
             assert key is not None
             preference = jax.random.uniform(key, tied.shape, tol.dtype)
     index = jnp.argmax(jnp.where(tied, preference, -jnp.inf), axis=-1).astype(jnp.int32)
-    return Selection(
-        index,
-        found.beta,
-        found.noise,
-        found.objective,
-        found.gap,
-        found.iterations,
-        found.gap <= jnp.maximum(tol, 0),
-    )
+    return Selection(index, **found._asdict(), converged=found.gap <= jnp.maximum(tol, 0))

@@ -1,0 +1,56 @@
+"""A patch of the window as a unit vector: what the scale filter and the verification compare."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from dcs_jax.config import Grid
+from dcs_jax.extensions.gradients import gradient_cells
+
+# A patch is resampled to 32 x 32 pixels, in cells of 4 x 4.
+SIDE, _CELL = 32, 4
+_ROUNDING = 1e-6
+
+
+@jax.named_scope("descriptions")
+def describe(
+    integral: Float[Array, "lines_y lines_x"],
+    displacement: Float[Array, "2"],
+    factors: np.ndarray,
+    grid: Grid,
+) -> Float[Array, "S D"]:
+    """Descriptions of the object's patch at a position, at S scales: [S, D].
+
+    The patch is resampled from the window's integral image by exact area means.
+
+    integral: [G_y + 1, G_x + 1], of a window. displacement: [2] down and right from the middle of
+    the window, cells. factors: [S], scales relative to the object's.
+    """
+    sides = np.array([grid.rows, grid.columns])
+    lines = np.array(integral.shape)
+    # Only these lines of the integral image can be needed.
+    near = np.minimum(np.ceil(sides * factors.max()).astype(int) + 2, lines)
+    middle = displacement + jnp.asarray(lines - 1, jnp.float32) / 2
+    first = jnp.floor(middle - jnp.asarray(near - 2, jnp.float32) / 2).astype(jnp.int32)
+    first = jnp.clip(first, 0, jnp.asarray(lines - near, jnp.int32))
+    part = jax.lax.dynamic_slice(integral, first, near)
+    along = factors[:, None] * (np.arange(SIDE + 1) / SIDE - 0.5)
+
+    def between(axis: int) -> Float[Array, "S side near"]:
+        """What each line counts for the difference between two lines of the patch."""
+        line = middle[axis] + jnp.asarray(sides[axis] * along, jnp.float32)
+        line = jnp.clip(line, 0, float(lines[axis] - 1)) - first[axis].astype(jnp.float32)
+        away = jnp.abs(line[..., None] - jnp.arange(near[axis], dtype=jnp.float32))
+        return jnp.diff(jnp.maximum(1 - away, 0), axis=1)
+
+    sums = jnp.einsum("syg,gh->syh", between(0), part)
+    means = jnp.einsum("syh,sxh->syx", sums, between(1))
+    cells = sides.prod() * np.square(factors / SIDE)
+    return jax.vmap(_describe)(means / jnp.asarray(cells, jnp.float32)[:, None, None])
+
+
+def _describe(patch: Float[Array, "side side"]) -> Float[Array, " D"]:
+    cells = gradient_cells(patch, _CELL).reshape(-1)
+    cells -= cells.mean()
+    return cells / jnp.sqrt(jnp.square(cells).sum() + _ROUNDING)

@@ -1,0 +1,71 @@
+"""Re-detection: the search windows, and which candidate is taken."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dcs_jax.config import Config, Redetection
+from dcs_jax.extensions import redetection
+from dcs_jax.types import Candidate
+
+SHAPE = (240, 320)
+CONFIG = Config()
+BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
+
+
+def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
+    return Candidate(box, confidence, confidence, jnp.ones(9))
+
+
+def test_the_search_windows_cover_the_frame():
+    boxes = np.array(
+        [
+            redetection.search_window(BOX, jnp.int32(number), SHAPE, CONFIG.window_factor)
+            for number in range(100)
+        ]
+    )
+    np.testing.assert_allclose(boxes[:, 2:], np.tile(BOX[2:], (100, 1)))
+    distinct = np.unique(boxes, axis=0)
+    assert len(distinct) == 6 * 6  # 320 / (1.5 * 40) and 240 / (1.5 * 30), rounded up
+    reach = (CONFIG.window_factor - 1) / 2 * boxes[:, 2:]
+    centres = boxes[:, :2] + boxes[:, 2:] / 2
+    for point in np.random.default_rng(0).uniform(0, (320, 240), (50, 2)):
+        assert (np.abs(centres - point) <= reach + 1e-3).all(1).any()
+
+
+@pytest.mark.parametrize(
+    ("num_missed", "here", "there", "taken"),
+    [
+        (0, 0.1, 0.99, False),  # held: nothing else is searched
+        (1, 0.1, 0.99, True),
+        (3, 0.1, 0.85, False),  # not above accept_above
+        (3, 0.95, 0.93, False),  # not better than what is there
+        (3, 0.95, 0.96, True),
+    ],
+)
+def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, here, there, taken):
+    def look(confidence: jax.Array, box: jax.Array) -> Candidate:
+        return candidate(box, confidence)
+
+    localise = jax.tree_util.Partial(look, jnp.float32(there))
+    best = candidate(BOX, jnp.float32(here))
+    missed = jnp.int32(num_missed)
+    found = redetection.search(localise, best, BOX, missed, SHAPE, CONFIG)
+    assert bool((found.box != BOX).any()) == taken
+    assert found.confidence == pytest.approx(there if taken else here)
+
+
+def test_the_windows_of_a_frame_follow_those_of_the_last():
+    def here_only(target: jax.Array, box: jax.Array) -> Candidate:
+        return candidate(box, jnp.where(jnp.abs(box - target).max() < 1, 0.95, 0.1))
+
+    config = Config(redetection=Redetection(windows=2))
+    target = redetection.search_window(BOX, jnp.int32(7), SHAPE, config.window_factor)
+    localise = jax.tree_util.Partial(here_only, target)
+    best = candidate(BOX, jnp.float32(0.2))
+    found = [
+        redetection.search(localise, best, BOX, jnp.int32(missed), SHAPE, config).confidence > 0.9
+        for missed in range(1, 6)
+    ]
+    assert found == [False, False, True, False, False]
