@@ -8,6 +8,7 @@ import scipy  # which imports scipy.stats at its first use: it takes 0.8 s, too 
 from numpy.typing import ArrayLike, NDArray
 
 LEVEL = 0.95
+FEWEST_SEEDS = 5  # of a verdict on published runs: a deviation from fewer is hardly known
 RESAMPLES = 9999  # random choices of signs; up to 13 differences have fewer, and all are counted
 
 
@@ -77,26 +78,33 @@ def paired(first: ArrayLike, second: ArrayLike) -> Paired:
     return Paired(values.mean, values.low, values.high, float(test.pvalue), values.n)
 
 
-class ZTest(NamedTuple):
-    """z, in standard errors of the difference of two means, and its two-sided p."""
+class WelchTest(NamedTuple):
+    """t, in standard errors of the difference of two means, and its two-sided p."""
 
-    z: float
+    t: float
     p: float
 
 
-def z_test(values: ArrayLike, mean: float, sd: float, n: int) -> ZTest:
+def welch_test(values: ArrayLike, mean: float, sd: float, n: int) -> WelchTest:
     """Our values [m] against n published runs known by mean and standard deviation.
 
-    Raises ValueError where neither has a deviation, which leaves nothing to compare with.
+    Welch's t-test: it does not assume that both have the same deviation.
+
+    Raises ValueError for fewer than `FEWEST_SEEDS` values or 2 runs, or where both deviations are
+    0, so that there is nothing to compare with.
     """
     ours = spread(values)
-    if ours.n < 2 or n < 2:
-        raise ValueError(f"a z-test needs 2 runs or more on both sides, but has {ours.n} and {n}")
-    error = (ours.sd**2 / ours.n + sd**2 / n) ** 0.5
-    if error == 0:
-        raise ValueError("a z-test needs a deviation on one side, but both are 0")
-    z = (ours.mean - mean) / error
-    return ZTest(float(z), float(2 * scipy.special.ndtr(-abs(z))))
+    if ours.n < FEWEST_SEEDS or n < 2:
+        raise ValueError(
+            f"Welch's test needs {FEWEST_SEEDS} seeds and 2 published runs, "
+            f"but has {ours.n} and {n}"
+        )
+    if ours.sd == sd == 0:
+        raise ValueError("Welch's test needs a deviation on one side, but both are 0")
+    test = scipy.stats.ttest_ind_from_stats(
+        ours.mean, ours.sd, ours.n, mean, sd, n, equal_var=False
+    )
+    return WelchTest(float(test.statistic), float(test.pvalue))
 
 
 def ranks(values: Sequence[float], least_is_best: bool) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dcs_jax.evaluation.metrics import Scores
-from dcs_jax.evaluation.statistics import Spread, ranks
+from dcs_jax.evaluation.statistics import Spread, WelchTest, ranks
 from dcs_jax.evaluation.summary import Row, Summary, mean_published, published_columns
 from dcs_jax.io.files import atomic, write_table
 
@@ -74,7 +74,7 @@ def as_dict(summary: Summary) -> dict[str, Any]:
                 "setting": a.setting,
                 "ours": a.ours._asdict(),
                 "published": a.published._asdict(),
-                **a.test._asdict(),
+                **(a.test._asdict() if a.test else dict.fromkeys(WelchTest._fields)),
             }
             for a in summary.agreement
         ],
