@@ -1,18 +1,20 @@
 """What each ingredient of a setting is worth: one change at a time, on the same seeds.
 
-    python -m benchmarks.ablation ROOT --base 'default scale=False' --seeds 10 --out ablation
+    python -m benchmarks.ablation ROOT --base 'default output_size=initial' --seeds 10
 
-ROOT is a folder of sequences as for `dcs-jax evaluate`. Results are kept in --out, so that the
-command can be stopped and given again. Prints Markdown; --page also writes the report.
+ROOT is a folder of sequences as for `dcs-jax evaluate`. Results are kept in --out: the same command
+continues where it was stopped. Prints Markdown; --page also writes the report.
 """
 
 import argparse
+import itertools
 from pathlib import Path
 
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.evaluate import ProgressBar
+from dcs_jax.config import COMPONENTS
 from dcs_jax.evaluation import evaluate
-from dcs_jax.evaluation.settings import parse_setting
+from dcs_jax.evaluation.settings import parse_setting, with_changes
 from dcs_jax.evaluation.statistics import paired
 from dcs_jax.evaluation.summary import Summary, per_seed
 
@@ -25,18 +27,23 @@ INGREDIENTS = {
     "weak classifier": ["weak=midpoint", "weak=gaussian"],
     "ties": ["tie=first", "tie=error"],
 }
-# Only of a setting with extras.
+# Only of a setting with all components. A choice with commas is several changes at once.
 BEYOND = {
-    "extras": ["extras=False"],
+    "components": [
+        "translation=none",
+        "scale=none",
+        "verification=none,redetection=none",
+        "redetection=none",
+        ",".join(f"{name}=none" for name in COMPONENTS),
+    ],
     "window": ["window_factor=2.0", "window_factor=2.5", "window_factor=3.0"],
     "motion prior": ["prior=0.0", "prior=0.6"],
     "smoothing": ["smoothing=0.0", "smoothing=1.5"],
-    "place filter": ["place_weight=0.0", "place_weight=15.0"],
-    "first frame's place filter": ["anchor=0.0", "anchor=0.4"],
-    "pull to the given size": ["size_pull=0.0", "size_pull=0.04"],
-    "learned from every frame": ["learn_above=0.0", "learn_above=0.7"],
-    "never missed": ["lost_below=0.0", "lost_below=0.5"],
-    "sizes": ["size_step=1.0001", "size_step=1.04"],
+    "translation filter": ["translation.weight=0.0", "translation.weight=15.0"],
+    "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.4"],
+    "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.04"],
+    "learned from every frame": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
+    "never missed": ["verification.lost_below=0.0", "verification.lost_below=0.5"],
 }
 
 
@@ -53,8 +60,8 @@ def main() -> None:
     if arguments.seeds < 2:
         parser.error("--seeds must be at least 2: differences are tested on pairs of seeds")
     keep_compiled_programs()
-    base = arguments.base
-    settings = [base, *(f"{base} {change}" for change in changes(base))]
+    base = parse_setting(arguments.base).name
+    settings = [base, *changes(base).values()]
     with ProgressBar() as bar:
         done = evaluate(
             arguments.root,
@@ -67,7 +74,7 @@ def main() -> None:
     for broken in done.broken:
         print(f"skipped {broken}")
     if done.interrupted:
-        raise SystemExit("interrupted: the same command goes on from here")
+        raise SystemExit("interrupted: the same command continues from here")
     print(table(done.summary, base))
     if arguments.page:
         from dcs_jax.evaluation.report import write_report
@@ -76,21 +83,26 @@ def main() -> None:
 
 
 def ingredients(base: str) -> dict[str, list[str]]:
-    """The choices there are for every ingredient of this setting."""
-    return INGREDIENTS | (BEYOND if parse_setting(base).config("").extras else {})
-
-
-def changes(base: str) -> list[str]:
-    """The changes that are no field of the base as it is."""
+    """The choices for every ingredient of this setting."""
     config = parse_setting(base).config("")
-    named = (change for group in ingredients(base).values() for change in group)
-    return [c for c in named if str(getattr(config, c.split("=")[0])) != c.split("=")[1]]
+    has_all = all(getattr(config, name) is not None for name in COMPONENTS)
+    return INGREDIENTS | (BEYOND if has_all else {})
+
+
+def changes(base: str) -> dict[str, str]:
+    """The setting of each choice that differs from the base."""
+    config = parse_setting(base).config("")
+    choices = itertools.chain(*ingredients(base).values())
+    settings = {choice: with_changes([base], [choice])[-1] for choice in choices}
+    return {
+        choice: setting.name for choice, setting in settings.items() if setting.config("") != config
+    }
 
 
 def table(summary: Summary, base: str) -> str:
     """Each ingredient's choices: means, and the difference from the base on the same seeds."""
     sequences = len({sequence for sequence, _ in summary.common})
-    of_base = per_seed(summary, base)
+    of_base, changed = per_seed(summary, base), changes(base)
     lines = [
         f"Base: `{base}`; {len(of_base)} seeds, mean over {sequences} sequences. Differences from "
         "it are on the same seeds, with the 95 % interval and p by permutation of signs.",
@@ -101,9 +113,9 @@ def table(summary: Summary, base: str) -> str:
     ]
     for ingredient, choices in ingredients(base).items():
         for choice in choices:
-            setting = f"{base} {choice}"
-            is_base = setting not in summary.overall
-            numbers = summary.overall[base if is_base else setting]
+            setting = changed.get(choice, base)
+            is_base = setting == base
+            numbers = summary.overall[setting]
             cells = [ingredient, f"`{choice}`" + (" (base)" if is_base else "")]
             cells += [f"{numbers['centre_error'].mean:.1f}", f"{numbers['success_rate'].mean:.3f}"]
             for metric, digits in (("centre_error", 1), ("success_rate", 3)):

@@ -1,8 +1,9 @@
 """What the tracker does when its target grows, hides, leaves or moves by parts of a pixel.
 
-    python -m benchmarks.behaviour [--seeds 10] [--setting 'default scale=False']
+    python -m benchmarks.behaviour [--seeds 10] [--setting 'default output_size=initial']
 
-Rendered clips with exact ground truth, another scene for every seed. Prints a line a clip.
+Rendered clips with exact ground truth, a different scene for every seed. Prints a line for each
+kind of clip.
 """
 
 import argparse
@@ -29,16 +30,16 @@ CLIPS: dict[str, dict[str, Any]] = {
     "out of the frame for 40 frames": {"length": 190, "away": 40},
     "0.7 px a frame, no noise": {"length": 100, "speed": 0.7, "noise": 0.0},
 }
-WITHIN = 20  # frames in which a target that is wholly in sight again is to be found
+WITHIN = 20  # frames in which a target that is wholly in sight again should be found
 
 
 class Absence(NamedTuple):
-    """How a track fares where the target is out of sight for a while.
+    """A track around the frames in which its target is out of sight.
 
-    lost_before: frames called lost before anything is hidden. lost: share of the frames without
-    the target that are called lost. after: frames from the target's full return until it is found,
-    negative where it is found while still half hidden; None where it is not found.
-    noise: mean label noise of the tracked row before, and while the target is hidden.
+    lost_before: number of frames called lost before the target is hidden at all. lost: share of the
+    frames without the target that are called lost. after: frames from the target's full return
+    until it is found, negative where it is found while half hidden; None where it is not found.
+    noise: mean label noise of the tracked box before, and while the target is out of sight.
     """
 
     lost_before: int
@@ -47,12 +48,12 @@ class Absence(NamedTuple):
     noise: tuple[float, float]
 
 
-def follow(clips: Sequence[Clip], config: Config, first_seed: int = 0) -> Track:
-    """A track of each clip, every one with its own seed."""
+def track_clips(clips: Sequence[Clip], config: Config, first_seed: int = 0) -> Track:
+    """A track of each clip, each with its own seed."""
     keys = jax.vmap(jax.random.key)(jnp.arange(first_seed, first_seed + len(clips)))
     frames = np.stack([clip.frames for clip in clips])
     track = track_batch(frames, np.stack([clip.boxes[0] for clip in clips]), keys, config)
-    return Track(*map(np.asarray, track))  # type: ignore[arg-type]
+    return jax.tree.map(np.asarray, track)
 
 
 def overlaps(clips: Sequence[Clip], track: Track) -> NDArray[np.float64]:
@@ -68,21 +69,21 @@ def centre_errors(clips: Sequence[Clip], track: Track) -> NDArray[np.float64]:
 
 
 def absences(clips: Sequence[Clip], track: Track) -> list[Absence]:
-    """How each clip's track fares around the frames without the target."""
+    """The track of each clip around the frames without its target."""
     found = []
     for clip, iou, lost, noise in zip(
-        clips, overlaps(clips, track), np.asarray(track.lost), np.asarray(track.noise), strict=True
+        clips, overlaps(clips, track), track.lost, track.noise, strict=True
     ):
         hidden, gone = np.flatnonzero(clip.occluded > 0), np.flatnonzero(clip.absent)
         good = np.flatnonzero((iou > 0.5) & ~lost & (np.arange(len(iou)) > gone[-1]))
         after = int(good[0] - hidden[-1]) if len(good) else None
-        rows = noise[1 : hidden[0], 0].mean(), noise[gone, 0].mean()
-        found.append(Absence(int(lost[: hidden[0]].sum()), lost[gone].mean(), after, rows))
+        mean_noise = noise[1 : hidden[0], 0].mean(), noise[gone, 0].mean()
+        found.append(Absence(int(lost[: hidden[0]].sum()), lost[gone].mean(), after, mean_noise))
     return found
 
 
 def main() -> None:
-    """Print what becomes of every clip."""
+    """Print what happens in every kind of clip."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)
@@ -92,15 +93,15 @@ def main() -> None:
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     for name, options in CLIPS.items():
         clips = [render(seed=seed, **PLAIN, **options) for seed in seeds]
-        track = follow(clips, config, arguments.first_seed)
+        track = track_clips(clips, config, arguments.first_seed)
         if clips[0].absent.any():
-            seen = absences(clips, track)
-            soon = sum(one.after is not None and one.after <= WITHIN for one in seen)
+            before, lost, after, noise = zip(*absences(clips, track), strict=True)
+            soon = sum(frames is not None and frames <= WITHIN for frames in after)
             print(
-                f"{name}: found within {WITHIN} frames {soon} of {len(seen)}, after "
-                f"{[one.after for one in seen]}; lost before {[one.lost_before for one in seen]}, "
-                f"meanwhile {[round(float(one.lost), 2) for one in seen]}; noise of row 0 "
-                f"{np.mean([one.noise for one in seen], 0).round(3).tolist()}"
+                f"{name}: found within {WITHIN} frames {soon} of {len(seeds)}, after "
+                f"{list(after)}; lost before {list(before)}, meanwhile "
+                f"{np.round(lost, 2).tolist()}; noise of the tracked box "
+                f"{np.mean(noise, 0).round(3).tolist()}"
             )
         else:
             print(

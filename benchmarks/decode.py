@@ -4,13 +4,14 @@
 
 A SOURCE is a video file or a folder of images. Clips of two sizes are rendered and written as
 MPEG-4 in mp4, Motion JPEG in avi and folders of JPEG, and as H.264 where there is an ffmpeg with
-libx264. A rendered scene has less detail than a filmed one: give videos of your own to plan with.
+libx264. A rendered scene has less detail than a filmed one: to plan, give videos of your own.
 
 Decoding runs on one thread, the files in the system's cache: this is what a core can decode, not
 what a disk can deliver. The formats take turns; the table has median and range over the rounds.
 """
 
 import argparse
+import functools
 import os
 import shutil
 import statistics
@@ -19,11 +20,12 @@ import tempfile
 import time
 from pathlib import Path
 
-# OpenCV's FFmpeg reads it when the first video is opened; by default a video has a thread a core.
+# OpenCV's FFmpeg reads it when the first video is opened; the default is a thread for each core.
 os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "threads;1")
 
 import cv2
 
+from benchmarks.common import median_range, take_turns
 from dcs_jax.cli.environment import silence_opencv
 from dcs_jax.io.frames import FrameSource, open_source
 from dcs_jax.io.overlay import VideoWriter
@@ -47,24 +49,24 @@ def main() -> None:
         for rows, columns in SIZES:
             named |= write_clips(Path(folder), (rows, columns), arguments.frames)
         sources = {name: open_source(path) for name, path in named.items()}
-        seconds: dict[str, list[float]] = {name: [] for name in sources}
         counts: dict[str, int] = {}
-        for _ in range(arguments.rounds):
-            for name, source in sources.items():
-                # Processor time: another process on the core is not the decoder's doing.
-                begin = time.process_time()
-                counts[name] = sum(1 for _ in source)
-                seconds[name].append(time.process_time() - begin)
+
+        def decode(name: str) -> float:
+            # Processor time: another process on the core does not count.
+            start = time.process_time()
+            counts[name] = sum(1 for _ in sources[name])
+            return time.process_time() - start
+
+        calls = {name: functools.partial(decode, name) for name in sources}
+        seconds = take_turns(calls, arguments.rounds)
         print(f"one thread, processor time, median (range) of {arguments.rounds}\n")
         print("| source | frame | frames/s of a core | ms a frame | bytes read a frame |")
         print("|---|---|---|---|---|")
         for name, source in sources.items():
-            rates = sorted(counts[name] / spent for spent in seconds[name])
-            middle = statistics.median(rates)
+            rates = [counts[name] / spent for spent in seconds[name]]
             print(
-                f"| {name} | {source.shape[1]}x{source.shape[0]} "
-                f"| {middle:.0f} ({rates[0]:.0f} to {rates[-1]:.0f}) | {1000 / middle:.2f} "
-                f"| {bytes_of(source) / counts[name]:.0f} |"
+                f"| {name} | {source.shape[1]}x{source.shape[0]} | {median_range(rates, 0)} "
+                f"| {1000 / statistics.median(rates):.2f} | {bytes_of(source) / counts[name]:.0f} |"
             )
 
 

@@ -1,6 +1,7 @@
-"""Cases of `benchmarks.run`: how time grows with target, frame and batch; the picture of it."""
+"""Cases of `benchmarks.run`: how time and memory grow with target, frame and video."""
 
 import functools
+import itertools
 import statistics
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,60 +13,57 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-import dcs_jax
-from benchmarks.compare import around
-from benchmarks.material import Material, Panel, Row
-from benchmarks.timing import clocked, spread, take_turns
+from benchmarks.common import Inputs, Panel, Row, clocked, fresh, take_turns
 from dcs_jax.config import Config
 from dcs_jax.core.window import ColumnSums, column_sums
-from dcs_jax.runners.sequence import start_track, track_chunk
+from dcs_jax.runners.sequence import init_track, track_chunk
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import step
 from dcs_jax.types import State
 
 SIDES = (20, 40, 80, 160, 240, 320, 400)  # of the target, pixels
 FRAMES = ((120, 160), (240, 320), (480, 640), (720, 1280), (1080, 1920), (2160, 3840))
-STEPS = 8  # timed together: a call from Python is then no part of it
+STEPS = 8  # timed together, so that the call from Python does not count
 JPEG_QUALITY = 90
-BATCHES = (1, 8, 32, 128, 256)
+LENGTHS = (100, 1000, 10_000, 100_000)
+MEMORY_TARGETS = (1, 32, 256)
 
 
-def sizes(material: Material) -> Iterator[Row | Panel]:
+def sizes(inputs: Inputs) -> Iterator[Row | Panel]:
     """A frame of the default preset over the side of a square target, in frames of 640x480."""
-    sides = SIDES[::3] if material.quick else SIDES
-    length, updates = (8, 1) if material.quick else (32, 3)
+    sides = SIDES[::3] if inputs.quick else SIDES
+    length, updates = (8, 1) if inputs.quick else (32, 3)
     calls: dict[str, Callable[[], float]] = {}
     for side in sides:
         clip = render(length + 1, (480, 640), (side, side), occlusion=0, cloud=0, lookalike=False)
-        state = _started(clip.frames[0], clip.boxes[0])
+        state = _init(clip.frames[0], clip.boxes[0])
         rest = jnp.asarray(clip.frames[1:])
         calls[f"dcs_jax {side}"] = clocked(functools.partial(track_chunk, state, rest, Config()))
-        calls[f"MIL {side}"] = material.opencv.clock("MIL", clip.frames, clip.boxes[:1], updates)
-    seconds = take_turns(calls, material.rounds)
+        calls[f"MIL {side}"] = inputs.opencv.clock("MIL", clip.frames, clip.boxes[:1], updates)
+    seconds = take_turns(calls, inputs.rounds)
     lines = {
         name: [1e3 * statistics.median(seconds[f"{name} {side}"]) / count for side in sides]
         for name, count in (("dcs_jax", length), ("MIL", updates))
     }
-    growth = {name: line[-1] / line[0] for name, line in lines.items()}
-    ours = lines["dcs_jax"]
+    ours, mil = lines["dcs_jax"], lines["MIL"]
     yield Row(
         f"target of {sides[0]} to {sides[-1]} px in 640x480, default",
         f"a frame takes {max(ours) / min(ours):.2f} times as long at most ({min(ours):.2f} to "
-        f"{max(ours):.2f} ms); MIL {growth['MIL']:.1f} times",
+        f"{max(ours):.2f} ms); MIL {mil[-1] / mil[0]:.1f} times",
         "less than 2 times",
     )
     yield Panel("Size of the target", "side, pixels", "ms a frame", sides, lines)
 
 
-def frames(material: Material) -> Iterator[Row | Panel]:
-    """What a frame costs over its size: reading, copying, column sums, and the step on those."""
-    shapes = FRAMES[::5] if material.quick else FRAMES
+def frames(inputs: Inputs) -> Iterator[Row | Panel]:
+    """A frame of the default preset over its size: decoding, copying, column sums, and the step."""
+    shapes = FRAMES[::5] if inputs.quick else FRAMES
     calls: dict[str, Callable[[], float]] = {}
     for rows, columns in shapes:
         clip = render(2, (rows, columns), (48, 48), occlusion=0, cloud=0, lookalike=False)
-        for name, call in _parts_of_a_frame(clip.frames, clip.boxes[0]).items():
-            calls[f"{name} {columns}"] = call
-    seconds = take_turns(calls, material.rounds)
+        for name, call in _frame_calls(clip.frames, clip.boxes[0]).items():
+            calls[f"{name} {columns}"] = clocked(call)
+    seconds = take_turns(calls, inputs.rounds)
     per_call = {"step": STEPS, "column sums": 1, "copy": 1, "decode": 1}
     lines = {
         name: [1e3 * statistics.median(seconds[f"{name} {shape[1]}"]) / count for shape in shapes]
@@ -85,99 +83,111 @@ def frames(material: Material) -> Iterator[Row | Panel]:
     yield Panel("Size of the frame", "million pixels", "ms a frame", pixels, lines)
 
 
-def batch(material: Material) -> Iterator[Row | Panel]:
-    """Track-frames per second over the number of targets in one video."""
-    counts = BATCHES[:3:2] if material.quick else BATCHES
-    shown = jnp.asarray(material.frames[: 9 if material.quick else 33])
-    calls = {}
-    for count in counts:
-        boxes = around(material.box, count)
-        track = functools.partial(dcs_jax.track_batch, shown, boxes, jax.random.key(0))
-        calls[str(count)] = clocked(track)
-    seconds = take_turns(calls, material.rounds)
-    rates = {count: [count * len(shown) / t for t in seconds[str(count)]] for count in counts}
+def length(inputs: Inputs) -> Iterator[Row | Panel]:
+    """A stream of one target over the number of frames: time and peak memory, one run of each."""
+    lengths = LENGTHS[:2] if inputs.quick else LENGTHS
+    found = [fresh("stream", count, 1) for count in lengths]
+    a_frame = [1e3 * one["seconds"] / count for one, count in zip(found, lengths, strict=True)]
     yield Row(
-        f"batch of {counts[0]} to {counts[-1]}, default: {len(shown)} frames",
-        "; ".join(f"{count}: {spread(rates[count], 0)}" for count in counts) + " track-frames/s",
-        "linear or better: no fewer with more",
+        f"{lengths[0]} to {lengths[-1]} frames of 320x240, track_stream, default",
+        "; ".join(
+            f"{count}: {time:.2f} ms a frame, {one['peak'] / 1e6:.1f} MB"
+            for count, time, one in zip(lengths, a_frame, found, strict=True)
+        )
+        + f"; the longest: {_peak(found[-1])}",
+        "linear or better; memory within 1.5 times state plus one chunk",
     )
-    medians = [statistics.median(rates[count]) for count in counts]
-    lines = {"track_batch": medians}
-    yield Panel("Targets in one video", "targets", "track-frames/s", counts, lines)
+    yield Panel("Frames of a stream", "frames", "ms a frame", lengths, {"track_stream": a_frame})
+    yield _memory_panel("Memory over frames", "frames", lengths, found)
+
+
+def memory(inputs: Inputs) -> Iterator[Row | Panel]:
+    """Peak memory of a stream over the number of targets, one run of each."""
+    counts = MEMORY_TARGETS[1:2] if inputs.quick else MEMORY_TARGETS
+    found = [fresh("stream", 65, count) for count in counts]
+    yield Row(
+        f"memory of {', '.join(map(str, counts))} targets in 320x240, track_stream, default",
+        "; ".join(f"{count}: {_peak(one)}" for count, one in zip(counts, found, strict=True)),
+        "within 1.5 times state plus one chunk",
+    )
+    yield _memory_panel("Memory over targets", "targets", counts, found)
 
 
 def draw(panels: list[Panel], path: Path) -> None:
-    """The panels as small multiples, both axes logarithmic, in a PNG."""
-    import matplotlib  # only where a picture is wanted
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import LogLocator, NullLocator
+    """Write the panels as small multiples, both axes logarithmic, into a PNG."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(4 * columns, 3.2 * rows), layout="constrained", squeeze=False
-    )
-    for place in axes.flat[len(panels) :]:
-        place.set_axis_off()
-    for place, panel in zip(axes.flat, panels, strict=False):
+    figure = Figure(figsize=(4 * columns, 3.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).flat
+    for axis, panel in itertools.zip_longest(axes, panels):
+        if panel is None:
+            axis.set_axis_off()
+            continue
         for name, line in panel.lines.items():
-            place.loglog(panel.xs, line, marker="o", markersize=4, label=name)
-        place.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
-        every = [value for line in panel.lines.values() for value in line]
-        place.set_xticks(panel.xs, [_plain(x) for x in panel.xs])
-        place.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        place.yaxis.set_major_formatter(lambda value, _: _plain(value))
-        for axis in (place.xaxis, place.yaxis):
-            axis.set_minor_locator(NullLocator())
-        # A line that does not grow is to look flat.
-        if max(every) < 10 * min(every):
-            place.set_ylim(min(every) / 4, max(every) * 4)
-        place.grid(True, which="major", alpha=0.3)
+            axis.loglog(panel.xs, line, marker="o", markersize=4, label=name)
+        axis.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+        axis.set_xticks(panel.xs, [f"{round(x, 2):g}" for x in panel.xs])
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.minorticks_off()
+        low, high = (f(itertools.chain(*panel.lines.values())) for f in (min, max))
+        if high < 10 * low:  # a line that does not grow looks flat
+            axis.set_ylim(low / 4, high * 4)
+        axis.grid(True, alpha=0.3)
         if len(panel.lines) > 1:
-            place.legend(frameon=False)
+            axis.legend(frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
-def _plain(value: float) -> str:
-    return f"{value:.2g}" if value < 10 else f"{value:.0f}"
-
-
-def _parts_of_a_frame(
-    clip: NDArray[np.uint8], box: NDArray[np.float32]
-) -> dict[str, Callable[[], float]]:
-    """Clocks of what is done with the second of two frames."""
+def _frame_calls(clip: NDArray[np.uint8], box: NDArray[np.float32]) -> dict[str, Callable[[], Any]]:
+    """What is done with the second of two frames."""
     frame = clip[1]
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     _, file = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    # Started in a part of the frame that is of one size for all, so that it is compiled once.
+    # Initialised in a crop of the same size for all frames, so that it is compiled once.
     rows, columns = FRAMES[0]
     x, y = (
         max(0, int(middle - side / 2))
         for middle, side in zip(box[:2] + box[2:] / 2, (columns, rows), strict=True)
     )
     corner = np.array([x, y, 0, 0], np.float32)
-    state = _started(clip[0, y : y + rows, x : x + columns], box - corner)
+    state = _init(clip[0, y : y + rows, x : x + columns], box - corner)
     state = state._replace(box=state.box + corner)
     shown = jnp.asarray(frame)
     add_up = jax.jit(column_sums)
-    calls: dict[str, Callable[[], Any]] = {
+    return {
         "step": functools.partial(_steps, state, add_up(shown), Config()),
         "column sums": functools.partial(add_up, shown),
         "copy": lambda: frame.copy(),
         "decode": lambda: cv2.imdecode(file, cv2.IMREAD_COLOR_RGB),
     }
-    return {name: clocked(call) for name, call in calls.items()}
 
 
 @jax.jit
 def _steps(state: State, sums: ColumnSums, config: Config) -> State:
-    """Some steps into the same frame."""
+    """Several steps with the same frame."""
     return jax.lax.fori_loop(0, STEPS, lambda _, state: step(state, sums, config)[0], state)
 
 
-def _started(frame: NDArray[np.uint8], box: NDArray[np.float32]) -> State:
-    return start_track(jnp.asarray(frame), jnp.asarray(box), jax.random.key(0), Config())[0]
+def _init(frame: NDArray[np.uint8], box: NDArray[np.float32]) -> State:
+    return init_track(jnp.asarray(frame), jnp.asarray(box), jax.random.key(0), Config())[0]
+
+
+def _peak(one: dict[str, float]) -> str:
+    least = one["states"] + one["chunk"]
+    return (
+        f"{one['peak'] / 1e6:.1f} MB = {one['peak'] / least:.2f} times (state "
+        f"{one['states'] / 1e6:.1f} + chunk {one['chunk'] / 1e6:.1f} MB)"
+    )
+
+
+def _memory_panel(title: str, x: str, xs: tuple[int, ...], found: list[Any]) -> Panel:
+    lines = {
+        "peak above the idle process": [one["peak"] / 1e6 for one in found],
+        "state and one chunk": [(one["states"] + one["chunk"]) / 1e6 for one in found],
+    }
+    return Panel(title, x, "MB", xs, lines)

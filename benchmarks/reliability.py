@@ -2,9 +2,9 @@
 
     python -m benchmarks.reliability ROOT --seeds 10
 
-ROOT is a folder of sequences as for `dcs-jax evaluate`. Over all labelled frames of all sequences
-and seeds, the given first one left out, a box is right where its IoU is above 0.5. A label with
-size for every frame, `groundtruth_every_frame.txt`, is taken where a sequence has one. Prints
+ROOT is a folder of sequences as for `dcs-jax evaluate`. All labelled frames of all sequences and
+seeds count, except the first one of each; a box is right where its IoU is above 0.5. Where a
+sequence has labels with size for every frame, `groundtruth_every_frame.txt`, those are used. Prints
 Markdown; --plot also draws the reliability diagram.
 """
 
@@ -14,6 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit, logit
+from scipy.stats import rankdata
 
 from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.evaluation.datasets import find_sequences
@@ -30,7 +33,7 @@ Numbers = NDArray[np.float64]
 
 
 class Bin(NamedTuple):
-    """Frames of like confidence: how many, their mean confidence, and the share that is right."""
+    """Frames of similar confidence: number, mean confidence, and the share that is right."""
 
     frames: int
     confidence: float
@@ -51,6 +54,8 @@ def main() -> None:
     confidences: list[Numbers] = []
     rights: list[Numbers] = []
     config = parse_setting(arguments.setting).config("")
+    if config.verification is None:
+        parser.error(f"{arguments.setting} has no verification, which is what the confidence is of")
     print("| sequence | frames | right | mean confidence | ECE | AUC |\n|---|---|---|---|---|---|")
     for entry in find_sequences(arguments.root, names):
         sequence = entry.load()
@@ -68,16 +73,16 @@ def main() -> None:
     for number, one in enumerate(found):
         span = f"{number / BINS:.1f} to {(number + 1) / BINS:.1f}"
         print(f"| {span} | {one.frames} | {one.confidence:.3f} | {one.right:.3f} |")
-    similarity = np.log(np.clip(confidence, 1e-6, 1 - 1e-6) / np.clip(1 - confidence, 1e-6, 1))
-    similarity = similarity / float(config.confidence_slope) + float(config.confidence_middle)
+    similarity = logit(np.clip(confidence, 1e-6, 1 - 1e-6)) / float(config.verification.slope)
+    similarity += float(config.verification.middle)
     for label, weights in (
-        ("every frame alike", np.ones(len(right))),
-        ("every sequence alike", np.concatenate([np.full(len(r), 1 / len(r)) for r in rights])),
+        ("each frame with the same weight", np.ones(len(right))),
+        ("each sequence", np.concatenate([np.full(len(r), 1 / len(r)) for r in rights])),
     ):
         middle, slope = fit(similarity, right, weights)
-        proposed = 1 / (1 + np.exp(-slope * (similarity - middle)))
+        proposed = expit(slope * (similarity - middle))
         print(
-            f"\nProposed, {label}: confidence_middle={middle:.3f}, confidence_slope={slope:.2f} "
+            f"\nProposed, {label}: verification.middle={middle:.3f} verification.slope={slope:.2f} "
             f"(ECE {calibration_error(proposed, right):.3f} on the same tracks)"
         )
     if arguments.plot:
@@ -85,11 +90,11 @@ def main() -> None:
 
 
 def bins(confidence: Numbers, right: Numbers) -> list[Bin]:
-    """The frames in `BINS` spans of confidence of the same width; NaN where a span is empty."""
-    place = np.minimum((confidence * BINS).astype(int), BINS - 1)
+    """The frames in `BINS` intervals of confidence of the same width; NaN where one is empty."""
+    numbers = np.minimum((confidence * BINS).astype(int), BINS - 1)
     found = []
     for number in range(BINS):
-        here = place == number
+        here = numbers == number
         means = (confidence[here].mean(), right[here].mean()) if here.any() else (np.nan, np.nan)
         found.append(Bin(int(here.sum()), *map(float, means)))
     return found
@@ -107,29 +112,27 @@ def failure_auc(confidence: Numbers, right: Numbers) -> float:
     The probability that a box that is right has more confidence than one that is not; equal
     confidences count half.
     """
-    of_right, of_wrong = np.sort(confidence[right > 0]), confidence[right == 0]
-    if not (len(of_right) and len(of_wrong)):
+    of_right, pairs = int(right.sum()), right.sum() * (1 - right).sum()
+    if not pairs:
         return float("nan")
-    below = np.searchsorted(of_right, of_wrong, "left") + np.searchsorted(
-        of_right, of_wrong, "right"
-    )
-    return float(1 - below.mean() / (2 * len(of_right)))
+    return float((rankdata(confidence)[right > 0].sum() - of_right * (of_right + 1) / 2) / pairs)
 
 
 def fit(similarity: Numbers, right: Numbers, weights: Numbers) -> tuple[float, float]:
-    """Middle and slope of the logistic function that makes the labels likeliest: Newton's method.
+    """Middle and slope of the logistic function of the greatest likelihood.
 
     A ridge of 1e-6 keeps the slope finite where similarity separates right from wrong.
     """
-    rows = np.stack([np.ones_like(similarity), similarity], 1)
-    weights = weights / weights.sum()
-    theta = np.zeros(2)
-    for _ in range(50):
-        p = 1 / (1 + np.exp(-rows @ theta))
-        gradient = rows.T @ (weights * (p - right)) + 1e-6 * theta
-        hessian = (rows * (weights * p * (1 - p))[:, None]).T @ rows + 1e-6 * np.eye(2)
-        theta = theta - np.linalg.solve(hessian, gradient)
-    return float(-theta[0] / theta[1]), float(theta[1])
+    signs, weights = 2 * right - 1, weights / weights.sum()
+
+    def cost(theta: Numbers) -> tuple[float, Numbers]:
+        margin = signs * (theta[0] + theta[1] * similarity)
+        pull = -weights * signs * expit(-margin)
+        gradient = np.array([pull.sum(), pull @ similarity]) + 1e-6 * theta
+        return float(weights @ np.logaddexp(0, -margin) + 5e-7 * theta @ theta), gradient
+
+    offset, slope = minimize(cost, np.zeros(2), jac=True, tol=1e-9).x
+    return float(-offset / slope), float(slope)
 
 
 def draw(found: list[Bin], path: Path) -> None:
@@ -165,7 +168,7 @@ def _every_frame(folder: Path, truth: Numbers) -> Numbers:
     labels = read_boxes(path)
     if len(labels) < len(truth):
         raise ValueError(f"{path} labels {len(labels)} of {len(truth)} frames")
-    return labels[len(labels) - len(truth) :]  # a sequence begins at its first label
+    return labels[len(labels) - len(truth) :]  # a sequence starts at its first label
 
 
 if __name__ == "__main__":

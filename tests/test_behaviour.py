@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.behaviour import PLAIN, WITHIN, absences, centre_errors, follow, overlaps
+from benchmarks.behaviour import PLAIN, WITHIN, absences, centre_errors, overlaps, track_clips
 from dcs_jax import Config
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import init, step
@@ -31,7 +31,7 @@ def followed():
         kind: [render(170, (150, 200), (40, 32), seed=seed, **(PLAIN | options)) for seed in SEEDS]
         for kind, options in KINDS.items()
     }
-    tracks = follow([clip for clips in made.values() for clip in clips], Config())
+    tracks = track_clips([clip for clips in made.values() for clip in clips], Config())
     parts = [slice(len(SEEDS) * n, len(SEEDS) * (n + 1)) for n in range(len(KINDS))]
     return {
         kind: (clips, jax.tree.map(operator.itemgetter(part), tracks))

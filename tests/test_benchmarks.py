@@ -5,51 +5,124 @@ import re
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import growth, profile_step, run
-from benchmarks.compare import around, main, median_interval
-from benchmarks.material import Panel
-from benchmarks.timing import spread, take_turns
+from benchmarks import ablation, growth, profile_step, run
+from benchmarks.common import Panel, around, median_range, take_turns
+from benchmarks.compare import Comparison, main, median_interval
 from dcs_jax import Config
-from dcs_jax.synthetic import render
+from dcs_jax.evaluation.settings import parse_setting
 
 ROOT = Path(__file__).parents[1]
-SMALL = "canvas=8 parts=1 selectors=2 pool_size=4 sizes=3"
+SMALL = "default canvas=8 parts=1 selectors=2 pool_size=4 scale.num_scales=3"
 
 
-@pytest.mark.parametrize("extras", [True, False])
-def test_stages_of_the_profile_are_the_step(extras):
-    config = Config(canvas=8, parts=1, selectors=2, pool_size=4, sizes=3, extras=extras)
-    clip = render(4, (60, 80), (16, 16))
-    frame, state = profile_step.prepare(clip.frames, clip.boxes[0], config)
-    table = profile_step.stages(config)
-    made = jax.jit(functools.partial(profile_step.run, table))(frame, state, config)
-    profile_step.check(made, frame, state, config)
-    last = "extras, learning" if extras else "strong"
-    wrong = jax.tree.map(lambda leaf: leaf + 1, made[last])
-    with pytest.raises(RuntimeError, match="no longer those"):
-        profile_step.check(made | {last: wrong}, frame, state, config)
+@pytest.fixture
+def cache_key_restored():
+    """For a test of the profile, after which compiled programs are found by their usual keys."""
+    yield
+    jax.config.update("jax_compilation_cache_include_metadata_in_key", False)
 
 
-def test_a_checkout_is_as_fast_as_itself(capsys):
-    command = [str(ROOT), "--setting", f"default {SMALL}", "--frames", "4", "--rounds", "2"]
-    # The times of so little are those of starting it.
-    assert main([*command, "--tolerance", "50"]) == 0
+def test_profile_of_a_step(capsys, cache_key_restored):
+    # Re-detection is half of the program, and takes half of the time to compile.
+    profile_step.main(["--setting", f"{SMALL} redetection=none", "--frames", "2"])
     printed = capsys.readouterr().out
-    assert "boxes: the same, at most 0 px apart" in printed
-    assert "| this | " in printed
+    stages = set(re.findall(r"^\| ([a-zA-Z ]+) \| \d+ \| \d+% \| \d+ \|$", printed, re.MULTILINE))
+    assert stages > {"column sums", "window", "confidence map", "peak", "selection"}
+    assert stages > {"translation", "scale", "verification"}
+    [every, alone] = re.findall(r"(\d+)(?: \(.*\))? us", printed.splitlines()[-1])
+    assert int(every) > 0
+    assert int(alone) > 0
 
 
-def test_a_slower_checkout_fails(capsys):
-    command = [str(ROOT), "--setting", f"default {SMALL}", "--frames", "4", "--rounds", "2"]
+def test_stage_is_the_outermost_scope():
+    assert profile_step.stage("jit(f)/while/body/closed_call/peak/mul") == "peak"
+    assert profile_step.stage("jit(f)/redetection/cond/branch_1_fun/while/body/peak/mul") == (
+        "redetection"
+    )
+    assert profile_step.stage("jit(f)/while/body/jit(_where)/select_n") is None
+    assert profile_step.stage("jit(f)/vmap()/add") is None
+
+
+def test_operations_have_the_stage_of_their_scope_or_loop():
+    @jax.jit
+    def program(x):
+        with jax.named_scope("loop"):
+            x = jax.lax.fori_loop(0, 3, lambda number, x: jnp.sin(x @ x) + number, x)
+        return jnp.sort(x, 0)
+
+    compiled = program.lower(jnp.ones((8, 8))).compile()
+    stages = profile_step.stages(compiled.as_text() or "")
+    assert set(stages.values()) == {"loop", "other"}
+    spent = profile_step.by_stage(
+        profile_step.traced(functools.partial(compiled, jnp.ones((8, 8)))), stages
+    )
+    assert all(seconds > 0 for seconds, _ in spent.values())
+    assert spent["loop"][1] >= 3
+
+
+def test_operations_count_their_median():
+    times = {"a": [1.0, 1.0, 7.0], "b": [2.0], "a loop": [10.0], "end: a": [1.0]}
+    stages = {"a": "peak", "b": "peak", "never run": "window"}
+    assert profile_step.by_stage(times, stages) == {"peak": (5.0, 4)}
+
+
+def test_ablation_of_the_default():
+    changed = ablation.changes("default")
+    assert changed["verification=none,redetection=none"] == (
+        "default verification=none redetection=none"
+    )
+    configs = {choice: parse_setting(setting).config("") for choice, setting in changed.items()}
+    assert configs["scale=none"] == Config(scale=None)
+    assert "scale.initial_pull=0.0" in configs
+    # What the base has already.
+    assert not {"translation.weight=15.0", "window_factor=2.5", "selector=l1"} & changed.keys()
+
+
+def test_ablation_of_the_paper_is_without_components():
+    assert not set(ablation.BEYOND) & set(ablation.ingredients("paper"))
+    assert "tie=error" in ablation.changes("paper")
+
+
+@pytest.fixture(scope="module")
+def boxes():
+    return np.arange(8, dtype=np.float32).reshape(1, 2, 4)
+
+
+def test_a_checkout_has_the_boxes_of_itself(capsys):
+    command = [str(ROOT), "--setting", SMALL, "--frames", "4", "--rounds", "2"]
     assert main([*command, "--tolerance", "-1"]) == 1
-    assert "slower by more than -100%" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "boxes: identical, bit for bit" in printed
+    assert "| this | " in printed
+    assert "slower by more than -100%" in printed
+
+
+def test_a_slower_checkout_is_beyond_chance(boxes):
+    base = [1.0] * 9
+    assert not Comparison(boxes, boxes, {"base": base, "this": base}).slower(0.0)
+    seconds = {"base": base, "this": [1.0, 1.0, *[1.2] * 7]}
+    assert not Comparison(boxes, boxes, seconds).slower(0.1)
+    seconds["this"][0] = 1.2
+    assert Comparison(boxes, boxes, seconds).slower(0.1)
+    assert not Comparison(boxes, boxes, seconds).slower(0.3)
+
+
+def test_boxes_in_words(boxes):
+    def words(this):
+        return Comparison(boxes, this, {}).boxes()
+
+    assert words(boxes.copy()) == "identical, bit for bit"
+    rounded = np.nextafter(boxes, np.float32(9))
+    assert words(rounded).startswith("the same to rounding, at most ")
+    assert words(boxes + np.float32(0.5)) == "NOT THE SAME, at most 0.5 px apart"
 
 
 def test_neither_directory_nor_revision():
-    with pytest.raises(SystemExit, match="no directory and no revision"):
+    with pytest.raises(SystemExit, match="neither a directory nor a revision"):
         main(["no such thing", "--frames", "2"])
 
 
@@ -63,7 +136,7 @@ def test_table_of_a_run(capsys):
 
 
 def test_a_case_that_fails_does_not_end_the_run(capsys, monkeypatch):
-    def broken(material):
+    def broken(inputs):
         raise ValueError("no\nluck | none")
         yield
 
@@ -94,9 +167,9 @@ def test_turns_go_forwards_and_backwards():
     assert called == ["a", "b", "b", "a", "a", "b"]
 
 
-def test_spread_is_median_and_range():
-    assert spread([3.0, 1.0, 2.0]) == "2.0 (1.0 to 3.0)"
-    assert spread([1.26], 1) == "1.3"
+def test_median_range_is_median_and_range():
+    assert median_range([3.0, 1.0, 2.0]) == "2.0 (1.0 to 3.0)"
+    assert median_range([1.26], 1) == "1.3"
 
 
 def test_targets_lie_around_the_box():
