@@ -1,10 +1,10 @@
 """A rendered clip with exact ground truth: for the demonstration, the tests and the benchmarks.
 
-A textured card moves along a smooth curve over a textured ground, while a bar passes in front of
-it, another card of like colours passes beside it and a cloud takes the light. The layers are
-sampled by area, so a box is exact to a fraction of a pixel, and everything comes from one seed:
-the same arguments give the same bytes. On request the card grows or shrinks, is hidden wholly for a
-while, or leaves the frame and comes back elsewhere.
+A textured card moves along a smooth curve over a textured background, while a bar passes in front
+of it, another card of similar colours passes next to it and a cloud reduces the light. The layers
+are sampled by area, so a box is exact to a fraction of a pixel, and all randomness comes from one
+seed: the same arguments give the same bytes. On request the card grows or shrinks, is fully hidden
+for a while, or leaves the frame and comes back elsewhere.
 """
 
 from typing import NamedTuple
@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# A card or bar: the integral image [texel rows + 1, texel columns + 1, 4] of RGB times alpha and
+# A card or bar: the integral image [texel rows + 1, texel columns + 1, 4] of RGB times alpha, and
 # of alpha in [0, 1].
 Layer = NDArray[np.float64]
 
 TEXELS = 2  # texels per pixel of a card or bar, along each axis
 
-# When each event happens, as fractions of the clip: they do not overlap, so that the effect of
-# each can be seen alone.
+# When each event happens, as fractions of the clip. They do not overlap, so that each
+# has its effect alone.
 OCCLUSION = (0.22, 0.42)
 LOOKALIKE = (0.48, 0.68)
 CLOUD = (0.74, 0.94)
-AWAY = 0.3  # where the target begins to leave the frame
-COVERING = 20  # frames in which a bar that hides the target wholly comes over it
+AWAY = 0.3  # when the target starts to leave the frame
+COVERING = 20  # frames in which a bar that hides the whole target moves over it
 
 # Colour ramps, RGB, from the dark to the bright end of a texture.
 GROUND = ((38, 58, 66), (66, 98, 98), (112, 140, 122), (168, 178, 150))
@@ -38,10 +38,10 @@ class Clip(NamedTuple):
 
     frames: [T, H, W, 3] uint8, RGB.
     boxes: [T, 4] float32, the target's exact x, y, w, h in pixels, (x, y) the top-left corner.
-        It may lie outside the frame while the target is away.
+        It may be outside the frame while the target is away.
     occluded: [T] float32 in [0, 1], fraction of the target's area hidden by the bar or outside the
         frame.
-    lookalike: [T, 4] float32, the look-alike's box in pixels, NaN in a clip without one. It may lie
+    lookalike: [T, 4] float32, the look-alike's box in pixels, NaN in a clip without one. It may be
         outside the frame.
     light: [T] float32 in (0, 1], factor on all grey values.
     """
@@ -54,7 +54,7 @@ class Clip(NamedTuple):
 
     @property
     def absent(self) -> NDArray[np.bool_]:
-        """[T], whether nothing of the target is in sight: its box says where it would be."""
+        """[T], whether the target is fully hidden; its box is then where it would be."""
         return self.occluded >= 1
 
 
@@ -79,20 +79,21 @@ def render(
         length: number of frames T, at least 1.
         size: rows and columns of a frame, pixels.
         target: rows and columns of the target, pixels, each at least 4 and at most the frame's.
-        seed: of textures, path and noise.
-        speed: bound on the target's speed, pixels a frame; 0 keeps it still.
+        seed: seed of textures, path and noise.
+        speed: bound on the target's speed, pixels per frame; 0 keeps it still.
         occlusion: largest fraction of the target that the passing bar hides, in [0, 1]; 0 for no
             bar.
-        lookalike: whether a card of like colours passes beside the target.
+        lookalike: whether a card of similar colours passes next to the target.
         cloud: largest fraction of the light taken, in [0, 1); 0 for steady light.
         noise: standard deviation of the sensor noise, grey values.
         zoom: sides of the target in the first and in the last frame, in units of `target`; between
             them it grows by the same factor in every frame.
-        covered: frames for which the bar, then wider, hides the target wholly; it comes over it for
-            `COVERING` frames before and goes for as many after. 0 for the narrow bar.
-        away: frames for which the target is out of the frame. It goes out by the nearer of the left
-            and the right side, and comes in by the other at the mirrored height. It moves by at
-            least an eighth of its width a frame on the way. 0 to stay.
+        covered: number of frames in which the bar, which is wider then, hides the whole target; it
+            moves over it in the `COVERING` frames before, and off in as many after. 0 for the
+            narrow bar.
+        away: number of frames in which the target is outside the frame. It leaves at the nearer of
+            the left and the right side, and returns at the other one, at the mirrored height. On
+            the way it moves by at least an eighth of its width per frame. 0 to stay.
 
     `covered` and `away` take frames from the other events: switch those off.
 
@@ -107,22 +108,22 @@ def render(
     ground = _ramp(_texture(scene, rows, columns, cell=max(rows, columns) / 6), GROUND)
     card, other = _card(scene, h, w), _card(scene, h, w)
     largest = max(zoom)
-    over = 1 + covered / COVERING if covered else occlusion
-    bar = _bar(scene, rows, max(1.0, over * largest * w))
+    cover = 1 + covered / COVERING if covered else occlusion
+    bar = _bar(scene, rows, max(1.0, cover * largest * w))
 
     time = (np.arange(length) + 0.5) / length
     sides = zoom[0] * (zoom[1] / zoom[0]) ** np.linspace(0, 1, length)[:, None] * (w, h)
     room = columns - largest * w, rows - largest * h
     corners = _path(scene, length, room, speed, away, largest * w)
     boxes = np.concatenate([corners + ((largest * w, largest * h) - sides) / 2, sides], 1)
-    boxes = boxes.astype(np.float32).astype(np.float64)  # the frames show what the result states
+    boxes = boxes.astype(np.float32).astype(np.float64)  # exactly the boxes that the frames show
     bar_width = (bar.shape[1] - 1) / TEXELS
     event = OCCLUSION
     if covered:
         event = OCCLUSION[0], OCCLUSION[0] + (covered + 2 * COVERING) / length
     bar_left = boxes[:, 0] + boxes[:, 2] / 2 - bar_width / 2
     bar_left += _passing(time, event, (largest * w + bar_width) / 2)
-    others = _beside(boxes, time, rows)
+    others = _lookalike_boxes(boxes, time, rows)
     dip = np.clip((time - CLOUD[0]) / (CLOUD[1] - CLOUD[0]), 0, 1)
     light = 1 - cloud * np.sin(np.pi * dip) ** 2
 
@@ -133,12 +134,12 @@ def render(
         if lookalike:
             _paste(frame, other, others[t, 0], others[t, 1])
         visible = _paste(frame, card, boxes[t, 0], boxes[t, 1], boxes[t, 2] / w)
-        # A box within the frame is all in sight, whatever the rounding.
-        seen = 1.0 if away == 0 else (visible.sum() / (card[-1, -1, 3] * _pixels(boxes[t, 2] / w)))
+        # A box within the frame is fully visible, whatever the rounding.
+        shown = 1.0 if away == 0 else (visible.sum() / (card[-1, -1, 3] * _pixels(boxes[t, 2] / w)))
         if (occlusion or covered) and visible.any():
-            cover = _paste(frame, bar, bar_left[t], 0)
-            seen *= 1 - (visible * cover).sum() / visible.sum()
-        occluded[t] = round(abs(float(1 - seen)), 5)
+            hidden = _paste(frame, bar, bar_left[t], 0)
+            shown *= 1 - (visible * hidden).sum() / visible.sum()
+        occluded[t] = round(abs(float(1 - shown)), 5)
         frame *= light[t]
         frame += noise * sensor.standard_normal(frame.shape, np.float32)
         frames[t] = np.rint(frame).clip(0, 255)
@@ -199,8 +200,8 @@ def _path(
 ) -> NDArray[np.float64]:
     """Top-left corners [T, 2] on a Lissajous curve that stays within [0, room] on both axes.
 
-    Except for an excursion of the target, `width` pixels wide, that keeps it outside for `away`
-    frames; then it goes on along the curve, mirrored on both axes.
+    If `away` is not 0, the target, which is `width` pixels wide, leaves the frame for so many
+    frames; then it continues along the curve, mirrored on both axes.
     """
     reach = 0.45 * np.array(room, np.float64)
     cycles = np.array([1.0, 2.0])
@@ -212,17 +213,17 @@ def _path(
     )
     if away == 0:
         return corners
-    begin = int(AWAY * length)
-    here = corners[begin].copy()
+    start = int(AWAY * length)
+    here = corners[start].copy()
     side = -1 if 2 * here[0] < room[0] else 1
     distance = width + (here[0] if side < 0 else room[0] - here[0])
     step = max(speed, width / 8)
     out = int(np.ceil(distance / step))
-    since = np.arange(length) - begin
+    since = np.arange(length) - start
     back = 2 * out + away - since  # frames until the target is on the curve again
     gone = since > out + away // 2
-    # The target leaves the curve where it is and comes back to the mirrored place.
-    late = corners[np.maximum(np.arange(length) - (2 * out + away), begin)]
+    # The target leaves the curve where it is and comes back to the mirrored position.
+    late = corners[np.maximum(np.arange(length) - (2 * out + away), start)]
     corners = np.where((since > 0)[:, None], late, corners)
     corners[gone] = room - corners[gone]
     shift = step * np.where(gone, -np.maximum(back, 0), np.maximum(since, 0))
@@ -233,18 +234,18 @@ def _path(
 def _passing(
     time: NDArray[np.float64], event: tuple[float, float], width: float
 ) -> NDArray[np.float64]:
-    """Offset [T] that goes evenly from -width to width; inside (-width, width) in the event only.
+    """Offset [T] that grows linearly and is inside (-width, width) only during the event.
 
     Layers pass relative to the target, so that they meet it once whatever its path.
     """
-    begin, end = event
-    return width * (2 * (time - begin) / (end - begin) - 1)
+    start, end = event
+    return width * (2 * (time - start) / (end - start) - 1)
 
 
-def _beside(
+def _lookalike_boxes(
     boxes: NDArray[np.float64], time: NDArray[np.float64], rows: int
 ) -> NDArray[np.float64]:
-    """Boxes [T, 4] of the look-alike: past the target from right to left, on its roomier side."""
+    """Boxes [T, 4] of the look-alike: past the target from right to left, on the side with room."""
     others = boxes.copy()
     h, w = boxes[0, 3], boxes[0, 2]
     middle = np.argmin(np.abs(time - sum(LOOKALIKE) / 2))
@@ -279,7 +280,7 @@ def _ramp(
 
 
 def _card(rng: np.random.Generator, h: int, w: int) -> Layer:
-    """A card with round corners: a warm texture, a rim, a band and two rings at random places."""
+    """A card with round corners: a warm texture, a rim, and a band and two rings at random."""
     rows, columns = h * TEXELS, w * TEXELS
     short = min(rows, columns)
     y, x = np.mgrid[:rows, :columns].astype(np.float32) + 0.5
@@ -305,7 +306,7 @@ def _card(rng: np.random.Generator, h: int, w: int) -> Layer:
 
 
 def _bar(rng: np.random.Generator, rows: int, width: float) -> Layer:
-    """A bar as high as the frame and at least `width` pixels wide, shaded like a pillar."""
+    """A bar as high as the frame and at least `width` pixels wide, shaded like a column."""
     shape = (rows * TEXELS, int(np.ceil(width * TEXELS)))
     grain = _texture(rng, *shape, cell=max(4, shape[1] / 3))
     roundness = np.sin(np.pi * (np.arange(shape[1]) + 0.5) / shape[1])
@@ -324,16 +325,16 @@ def _integral(layer: NDArray[np.float32]) -> Layer:
 
 
 def _pixels(zoom: float) -> float:
-    """The pixels that a texel covers."""
+    """Number of pixels that a texel covers."""
     return (zoom / TEXELS) ** 2
 
 
 def _paste(
     frame: NDArray[np.float32], layer: Layer, x: float, y: float, zoom: float = 1.0
 ) -> NDArray[np.float32]:
-    """Put the layer into the frame with its top-left corner at (x, y); return its alpha [H, W].
+    """Paste the layer into the frame with its top-left corner at (x, y); returns its alpha [H, W].
 
-    A pixel takes the mean of the layer over its own area, so any fraction of a pixel is exact.
+    A pixel takes the mean of the layer over its area, so any fraction of a pixel is exact.
     """
     rows, sums = _between_pixels(layer, y, frame.shape[0], TEXELS / zoom)
     columns, sums = _between_pixels(sums.swapaxes(0, 1), x, frame.shape[1], TEXELS / zoom)
@@ -348,7 +349,7 @@ def _paste(
 def _between_pixels(
     sums: NDArray[np.float64], start: float, pixels: int, density: float
 ) -> tuple[slice, NDArray[np.float64]]:
-    """The pixels of an axis that a layer beginning at `start` touches, and their means of it.
+    """The pixels of an axis that a layer at `start` overlaps, and the means of the layer over them.
 
     sums: [texels + 1, ...], running sums over the texels along the axis. density: texels per pixel.
 

@@ -44,7 +44,7 @@ def test_bad_annotations(tmp_path, text, message):
         read_boxes(path)
 
 
-def test_annotation_beside_the_images(tmp_path):
+def test_annotation_of_a_folder_of_images(tmp_path):
     images = tmp_path / "david" / "img"
     images.mkdir(parents=True)
     assert find_annotation(images) is None
@@ -57,7 +57,7 @@ def test_annotation_beside_the_images(tmp_path):
     assert find_annotation(images) == own
 
 
-def test_annotation_of_another_folder_is_not_taken(tmp_path):
+def test_annotation_of_the_parent_folder_is_not_used(tmp_path):
     (tmp_path / "frames").mkdir()
     (tmp_path / "groundtruth_rect.txt").write_text("1,2,3,4\n")
     assert find_annotation(tmp_path / "frames") is None
@@ -75,6 +75,15 @@ def test_results_are_read_back_exactly(tmp_path_factory, rows, start):
     found = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     np.testing.assert_array_equal(found[:, 0], start + np.arange(len(rows)))
     np.testing.assert_array_equal(found[:, 1:].astype(np.float32), table)
+
+
+def test_a_confidence_of_nan_is_an_empty_field(tmp_path):
+    path = tmp_path / "boxes.csv"
+    with BoxWriter(path) as writer:
+        writer.write([[1, 2, 3, 4], [5, 6, 7, 8]], [0.5, np.nan])
+    assert path.read_text().splitlines()[1:] == ["0,1.0,2.0,3.0,4.0,0.5", "1,5.0,6.0,7.0,8.0,"]
+    found = np.genfromtxt(path, delimiter=",", skip_header=1)
+    np.testing.assert_array_equal(found[:, 5], [0.5, np.nan])
 
 
 def test_every_chunk_reaches_the_disk(tmp_path):

@@ -1,4 +1,4 @@
-"""`dcs-jax batch`, as a user meets it: many targets in many videos, whatever happens."""
+"""`dcs-jax batch` as a user sees it: many targets in many videos, whatever happens."""
 
 import csv
 import importlib.util
@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -22,7 +23,7 @@ from dcs_jax.io.frames import open_source
 from dcs_jax.synthetic import render
 
 # A setting that is compiled and run in a moment.
-FIELDS = {"canvas": 20, "parts": 5, "selectors": 6, "pool_size": 12}
+FIELDS: dict[str, Any] = {"canvas": 20, "parts": 5, "selectors": 6, "pool_size": 12}
 SMALL = [word for name, value in FIELDS.items() for word in ("--set", f"{name}={value}")]
 LENGTH = 70
 SHAPE = (120, 160)
@@ -36,7 +37,7 @@ def clip():
 
 @pytest.fixture(scope="module")
 def videos(clip, tmp_path_factory):
-    """card.avi and the folder toy/img, of like frames, and flat, whose frames are smaller."""
+    """card.avi and the folder toy/img, with frames of one shape, and flat, with smaller ones."""
     folder = tmp_path_factory.mktemp("videos")
     write_video(folder / "card.avi", clip)
     write_otb(folder, "toy", render(40, SHAPE, (30, 36)))
@@ -56,7 +57,7 @@ def write_manifest(path, *rows):
 
 @pytest.fixture
 def manifest(videos, clip, tmp_path):
-    """Five targets in three videos; those of card.avi start and end at frames of their own."""
+    """Five targets in three videos; those of card.avi have different ranges."""
     return write_manifest(
         tmp_path / "manifest.csv",
         row(videos / "card.avi", clip.boxes[0], id="card"),
@@ -87,9 +88,9 @@ def rows_of(path):
 
 
 def results(out):
-    """The boxes [n, 4] of every id, by the index; every row of the files is of an id in it."""
+    """The rows of every id in the index; all rows of the files belong to an id in it."""
     index = {entry["id"]: entry["file"] for entry in rows_of(out / "results.csv")}
-    found = {}
+    found: dict[str, list[list[float]]] = {}
     for name in set(index.values()):
         for entry in rows_of(out / name):
             assert index[entry["id"]] == name
@@ -124,7 +125,7 @@ def test_results_are_those_of_single_tracks(manifest, videos, clip, tmp_path):
 
 
 def test_boxes_of_several_sizes_on_their_own_grid(videos, tmp_path):
-    """Each size is a program of its own; the targets of a video still share its frames."""
+    """Each size has a program of its own; the targets of a video still share its frames."""
     manifest = write_manifest(
         tmp_path / "manifest.csv",
         row(videos / "toy", (60, 40, 36, 30), end=20, id="a"),
@@ -139,7 +140,9 @@ def test_boxes_of_several_sizes_on_their_own_grid(videos, tmp_path):
     }
 
 
-def test_what_is_finished_is_skipped_and_what_has_changed_is_made_anew(manifest, clip, tmp_path):
+def test_what_is_finished_is_skipped_and_what_has_changed_is_tracked_again(
+    manifest, clip, tmp_path
+):
     out = tmp_path / "out"
     assert run(manifest, "--out", out, *SMALL).exit_code == 0
     before = {path: path.stat().st_mtime_ns for path in (out / "boxes").iterdir()}
@@ -157,7 +160,7 @@ def test_what_is_finished_is_skipped_and_what_has_changed_is_made_anew(manifest,
     ):
         manifest.write_text(manifest.read_text().replace(old, new, 1))
         changed = run(manifest, "--out", out, *SMALL)
-        assert "2 of 3 videos finished before, 1 made anew" in changed.stdout, changed.output
+        assert "2 of 3 videos finished before, 1 tracked again" in changed.stdout, changed.output
     found = results(out)
     assert found["late"][[0, -1], 0].tolist() == [40, 58]
     assert found["doll"][0, 1:5].tolist() == [61, 40, 36, 30]
@@ -165,11 +168,11 @@ def test_what_is_finished_is_skipped_and_what_has_changed_is_made_anew(manifest,
     # A setting, or the seed: of all.
     for change in (["--set", "lam=0.5"], ["--seed", 1]):
         changed = run(manifest, "--out", out, *SMALL, *change)
-        assert changed.stdout.startswith("3 made anew"), changed.output
+        assert changed.stdout.startswith("3 tracked again"), changed.output
     assert len(results(out)) == 5
 
 
-def test_another_file_of_the_same_name_is_made_anew(clip, tmp_path):
+def test_a_new_file_of_the_same_name_is_tracked_again(clip, tmp_path):
     write_video(tmp_path / "a.avi", clip)
     manifest = write_manifest(tmp_path / "manifest.csv", row("a.avi", clip.boxes[0], end=9))
     out = tmp_path / "out"
@@ -177,11 +180,11 @@ def test_another_file_of_the_same_name_is_made_anew(clip, tmp_path):
     before = results(out)["1"]
     write_video(tmp_path / "a.avi", clip._replace(frames=clip.frames[::-1]))
     changed = run(manifest, "--out", out, *SMALL)
-    assert changed.stdout.startswith("1 made anew"), changed.output
+    assert changed.stdout.startswith("1 tracked again"), changed.output
     assert (results(out)["1"] != before).any()
 
 
-def test_what_fails_is_tried_again_then_listed_and_the_rest_goes_on(videos, clip, tmp_path):
+def test_what_fails_is_tried_again_then_listed_and_the_rest_is_finished(videos, clip, tmp_path):
     whole = (videos / "card.avi").read_bytes()
     cut = tmp_path / "cut.avi"
     cut.write_bytes(whole[: len(whole) * 3 // 4])
@@ -215,8 +218,8 @@ def test_what_fails_is_tried_again_then_listed_and_the_rest_goes_on(videos, clip
         assert message in failed[name]
         assert f"failed {name}: {failed[name]}" in result.stderr.splitlines()
 
-    # The one video with a good row is finished, though its bad rows are looked at again; what has
-    # been repaired leaves the list.
+    # The one video with a good row is finished, though its bad rows are checked again; what has
+    # been repaired is no longer listed.
     cut.write_bytes(whole)
     again = run(manifest, "--out", out, "--retries", 0, *SMALL)
     assert again.exit_code == 3, again.output
@@ -236,7 +239,7 @@ def test_what_fails_is_tried_again_then_listed_and_the_rest_goes_on(videos, clip
         (["nothing.csv"], "nothing.csv: No such file"),
         (["wrong.csv"], "wrong.csv, line 2, column box is '1,2,3': expected four numbers x,y,w,h"),
         (["good.csv", "--set", "selector=best"], "selector must be one of"),
-        (["good.csv", "--set", "speed=9"], "'speed=9' is no change of a field"),
+        (["good.csv", "--set", "speed=9"], "'speed=9' is not a change of a field"),
         (["good.csv", "--engine", "slurm"], "--engine"),
         (["good.csv", "--workers", "0"], "--workers"),
     ],
@@ -269,13 +272,13 @@ def wait_for(condition, process, seconds=120):
     deadline = time.monotonic() + seconds
     while not (found := condition()):
         assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it takes too long"
+        assert time.monotonic() < deadline, "timed out"
         time.sleep(0.005)
     return found
 
 
-def test_ctrl_c_ends_cleanly_and_the_same_command_goes_on(videos, tmp_path):
-    """Interrupted in the second video, which is long enough to be met there."""
+def test_ctrl_c_ends_cleanly_and_the_same_command_continues(videos, tmp_path):
+    """Interrupted in the second video, which is long enough for that."""
     write_video(tmp_path / "long.avi", render(1500, SHAPE, (36, 30)))
     manifest = write_manifest(
         tmp_path / "manifest.csv",
@@ -288,7 +291,7 @@ def test_ctrl_c_ends_cleanly_and_the_same_command_goes_on(videos, tmp_path):
     process.send_signal(signal.SIGINT)
     printed, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
-    assert errors == "interrupted: the same command goes on from here\n"
+    assert errors == "interrupted: the same command continues from here\n"
     assert printed == f"1 targets finished, boxes by {out / 'results.csv'}\n"
     assert list(results(out)) == ["toy"]  # and no temporary file is left
     again = run(manifest, "--out", out, *SMALL)
@@ -301,7 +304,7 @@ def test_ctrl_c_ends_cleanly_and_the_same_command_goes_on(videos, tmp_path):
 
 
 def busy_workers(parent):
-    """The processes under `parent` that are at a task of Ray's, which tell so by their titles."""
+    """The processes below `parent` that run a task of Ray, by their titles."""
     parents, titles = {}, {}
     for path in Path("/proc").glob("[0-9]*"):
         try:
@@ -316,11 +319,15 @@ def busy_workers(parent):
             process = parents[process]
         return process == parent
 
-    return [n for n, title in titles.items() if title.startswith(b"ray::_do") and is_below(n)]
+    return [
+        n
+        for n, title in titles.items()
+        if title.startswith(b"ray::_values_and_frames") and is_below(n)
+    ]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the worker is found in /proc")
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the worker is looked up in /proc")
 def test_a_killed_worker_loses_no_row_and_doubles_none(videos, clip, tmp_path):
     """Two workers of a local Ray cluster; one is killed while it tracks."""
     for n in range(8):
@@ -341,7 +348,9 @@ def test_a_killed_worker_loses_no_row_and_doubles_none(videos, clip, tmp_path):
     os.kill(wait_for(lambda: busy_workers(process.pid), process)[0], signal.SIGKILL)
     printed, errors = process.communicate(timeout=120)
     assert process.returncode == local.exit_code == 3, errors
-    assert int(re.search(r"tried again: (\d+)", printed)[1]) >= 2, printed  # gone, and the killed
+    retried = re.search(r"tried again: (\d+)", printed)
+    assert retried is not None
+    assert int(retried[1]) >= 2, printed  # gone, and the killed
     (line,) = errors.splitlines()
     assert line.startswith("failed 97: ")
     assert line.endswith("gone does not exist: expected a video file or a folder of images")

@@ -1,4 +1,4 @@
-"""The command line, as a user meets it: files, short results, one-line errors, exit codes."""
+"""The command line as a user sees it: files, short results, one-line errors, exit codes."""
 
 import os
 import signal
@@ -25,20 +25,24 @@ from dcs_jax.synthetic import render
 LENGTH = 70
 
 
+def cache_directory():
+    return jax.config.values["jax_compilation_cache_dir"]
+
+
 def test_compiled_programs_are_kept_in_the_users_cache(monkeypatch, tmp_path):
-    before = jax.config.jax_compilation_cache_dir
+    before = cache_directory()
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     keep_compiled_programs()
-    kept = jax.config.jax_compilation_cache_dir
+    kept = cache_directory()
     jax.config.update("jax_compilation_cache_dir", before)
     assert kept == str(tmp_path / "dcs_jax")
 
 
-def test_a_cache_that_is_set_is_left_alone():
-    before = jax.config.jax_compilation_cache_dir
+def test_a_cache_that_is_set_is_kept():
+    before = cache_directory()
     keep_compiled_programs()
-    assert jax.config.jax_compilation_cache_dir == before
+    assert cache_directory() == before
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +110,7 @@ def test_track_with_annotation_starts_at_the_first_label(sequence, clip, tmp_pat
 
 
 def test_track_gives_the_boxes_of_track_sequence(sequence, clip, tmp_path):
-    """Chunks, padding and the way through the file change nothing."""
+    """Chunks, padding and the file do not change the boxes."""
     out = tmp_path / "boxes.csv"
     arguments = ("track", sequence / "img", "--box", box_of(clip), "--seed", 3, "--out", out)
     result = run(*arguments)
@@ -166,7 +170,7 @@ def test_ctrl_c_keeps_what_was_tracked(clip, tmp_path):
 
 @pytest.fixture
 def bad(tmp_path, clip):
-    """Sources with something wrong, by name."""
+    """Bad sources, by name."""
     (tmp_path / "notes.txt").write_text("no video")
     (tmp_path / "empty").mkdir()
     for name in ("odd", "annotated"):
@@ -272,7 +276,9 @@ def test_demo_writes_its_files_and_reports_them(tmp_path):
     for name in ("film-strip.png", "overlay.mp4", "boxes.csv"):
         assert str(tmp_path / "demo" / name) in result.stdout
     assert open_source(tmp_path / "demo" / "overlay.mp4").length == 150
-    assert cv2.imread(str(tmp_path / "demo" / "film-strip.png")).shape[1] == 1200
+    strip = cv2.imread(str(tmp_path / "demo" / "film-strip.png"))
+    assert strip is not None
+    assert strip.shape[1] == 1200
     assert len(read(tmp_path / "demo" / "boxes.csv")) == 150
     for measure in ("mean centre error", "success rate", "frames/s", "compiling"):
         assert measure in result.stdout

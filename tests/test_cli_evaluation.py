@@ -79,7 +79,7 @@ def test_a_broken_sequence_ends_with_3_and_is_named(root, tmp_path):
     [
         (["evaluate", "nothing"], "nothing is no folder"),
         (["evaluate", "."], "holds no sequences"),
-        (["evaluate", "ROOT", "--presets", "best"], "'best' is no preset"),
+        (["evaluate", "ROOT", "--presets", "best"], "'best' is not a preset"),
         (["evaluate", "ROOT", "--set", "selector=best"], "selector must be one of"),
         (["evaluate", "ROOT", "--sequences", "Bolt"], "Bolt not found"),
         (["evaluate", "ROOT", "--sequences", ""], "expected the name of a sequence"),

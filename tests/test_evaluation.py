@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import jax
 import numpy as np
@@ -11,13 +12,15 @@ from data_sets import SMALL, write_otb, write_rows
 import dcs_jax
 from dcs_jax.evaluation import Watch, evaluate, experiment, peers
 from dcs_jax.evaluation.metrics import scores
-from dcs_jax.evaluation.report.tables import write_summary
+from dcs_jax.evaluation.report.tables import as_dict, write_summary
 from dcs_jax.evaluation.results import Results, read_published
 from dcs_jax.evaluation.settings import parse_setting
+from dcs_jax.evaluation.statistics import FEWEST_SEEDS
 from dcs_jax.evaluation.summary import summarise
 from dcs_jax.synthetic import render
 
 LENGTH = 41
+SEEDS = FEWEST_SEEDS  # so that there is a verdict on published runs
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +69,12 @@ class Counting(Watch):
 
 @pytest.fixture(scope="module")
 def done(root, published, tmp_path_factory):
-    """Two settings of three seeds and OpenCV's MIL, on both sequences."""
+    """Two settings of some seeds and OpenCV's MIL, on both sequences."""
     watch = Counting()
     out = tmp_path_factory.mktemp("out") / "new"
     settings = {"paper": parse_setting(SMALL).config(""), "other": small(parts=1)}
     result = evaluate(
-        root, out, settings=settings, seeds=3, peers=["MIL"], published=published, watch=watch
+        root, out, settings=settings, seeds=SEEDS, peers=["MIL"], published=published, watch=watch
     )
     return result, watch
 
@@ -84,7 +87,7 @@ def test_all_is_run_and_counted(done):
     result, watch = done
     assert (result.ran, result.reused, result.broken, result.interrupted) == (6, 0, [], False)
     assert watch.plan == (0, 0, 6)
-    assert watch.total == watch.done == (2 * 3 + experiment.PEER_WORK) * (LENGTH + 30)
+    assert watch.total == watch.done == (2 * SEEDS + experiment.PEER_WORK) * (LENGTH + 30)
     assert watch.what[0] == "Deer · paper"
 
 
@@ -92,7 +95,7 @@ def test_the_rows_are_the_tracks_of_the_seeds(done, clips):
     result, _ = done
     with open(result.out / "results.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * (3 + 3 + 1)
+    assert len(rows) == 2 * (SEEDS + SEEDS + 1)
     (row,) = (
         row
         for row in rows
@@ -104,8 +107,8 @@ def test_the_rows_are_the_tracks_of_the_seeds(done, clips):
         assert float(row[name]) == pytest.approx(value, rel=1e-3), name
     with np.load(result.out / "runs" / "Deer" / "paper" / "ope.npz") as file:
         np.testing.assert_allclose(file["boxes"][2], stored, atol=1e-3)
-        assert file["boxes"].shape == (3, LENGTH, 4)
-        assert file["confidence"].shape == (3, LENGTH)
+        assert file["boxes"].shape == (SEEDS, LENGTH, 4)
+        assert file["confidence"].shape == (SEEDS, LENGTH)
 
 
 def test_means_intervals_and_curves(done):
@@ -128,7 +131,7 @@ def test_means_intervals_and_curves(done):
     overall = setting["overall"]["centre_error"]
     assert overall["mean"] == pytest.approx(over_both.mean())
     assert overall["sd"] == pytest.approx(over_both.std(ddof=1))
-    assert overall["n"] == 3
+    assert overall["n"] == SEEDS
     assert overall["low"] < overall["mean"] < overall["high"]
     (success,) = setting["success_curve"]
     assert np.mean(success) == pytest.approx(setting["overall"]["auc"]["mean"])
@@ -149,7 +152,7 @@ def test_settings_are_compared_on_the_same_seeds(done):
         ]
         for setting in ("paper", "other")
     ]
-    assert found.centre_error.n == 3
+    assert found.centre_error.n == SEEDS
     assert found.centre_error.difference == pytest.approx(np.mean(errors[0]) - np.mean(errors[1]))
     assert not any("OpenCV MIL" in key for key in pairs)  # it has one run
 
@@ -164,8 +167,10 @@ def test_published_results_go_by_the_papers_names(done):
     (agreement,) = result.summary.agreement
     assert (agreement.sequence, agreement.setting) == ("Deer", "paper")
     ours = agreement.ours
-    z = (ours.mean - 47.1) / (ours.sd**2 / 3 + 67.1**2 / 30) ** 0.5
-    assert agreement.test.z == pytest.approx(z)
+    t = (ours.mean - 47.1) / (ours.sd**2 / SEEDS + 67.1**2 / 30) ** 0.5
+    assert agreement.test.t == pytest.approx(t)
+    (stored,) = json.loads((result.out / "summary.json").read_text())["agreement"]
+    assert (stored["t"], stored["p"]) == agreement.test
     table = (result.out / "summary.md").read_text().splitlines()
     assert table[0] == (
         "| sequence | paper | other | OpenCV MIL | dcs_with_l1 (authors) | frag (other) |"
@@ -173,6 +178,20 @@ def test_published_results_go_by_the_papers_names(done):
     assert "47.1 / 0.67 | 86.9 / 0.04 |" in table[2]
     assert table[3].endswith("| - | - |")
     assert "**" in table[2]
+
+
+def test_few_seeds_have_no_verdict_on_published_runs(done, tmp_path):
+    result, _ = done
+    record = Results(result.out).find("Deer", "paper", "ope")
+    few = Results(tmp_path)
+    few.write(record._replace(seeds=record.seeds[:-1], boxes=record.boxes[:-1]))
+    few.write_published(result.summary.published)
+    shutil.copytree(result.out / "sequences", tmp_path / "sequences")
+    summary = summarise([few])
+    (agreement,) = summary.agreement
+    assert (agreement.ours.n, agreement.test) == (FEWEST_SEEDS - 1, None)
+    (stored,) = as_dict(summary)["agreement"]
+    assert (stored["t"], stored["p"]) == (None, None)
 
 
 def test_the_summary_can_be_computed_from_the_folder(done, tmp_path):
@@ -341,7 +360,7 @@ def test_peers_that_are_unknown_or_missing_are_refused(monkeypatch):
     [
         ({"seeds": 0}, "seeds must be at least 1, but is 0"),
         ({"protocol": "vot"}, "protocol must be one of ope, tre, sre"),
-        ({"settings": ["best"]}, "'best' is no preset"),
+        ({"settings": ["best"]}, "'best' is not a preset"),
         ({"settings": []}, "nothing to run"),
         ({"sequences": ["Bolt"]}, "Bolt not found"),
         ({"peers": ["TLD"]}, "no peer"),
@@ -365,6 +384,11 @@ def test_published_tables_are_checked(tmp_path):
 
 def test_keys_do_not_depend_on_jax_arrays_in_a_config(root, tmp_path):
     options = {"sequences": ["Toy"], "seeds": 1}
-    evaluate(root, tmp_path, settings={"a": small(lam=0.25)}, **options)
-    same = evaluate(root, tmp_path, settings={"a": small(lam=jax.numpy.float32(0.25))}, **options)
+
+    def config(number):
+        scale = dcs_jax.ScaleFilter(learning_rate=number(0.25))
+        return small(lam=number(0.25), scale=scale)
+
+    evaluate(root, tmp_path, settings={"a": config(float)}, **options)
+    same = evaluate(root, tmp_path, settings={"a": config(jax.numpy.float32)}, **options)
     assert same.reused == 1

@@ -1,4 +1,4 @@
-"""Reading frames: the right ones in the right order, and every bad source named."""
+"""Reading frames: the right ones in the right order, and errors that name the bad source."""
 
 import shutil
 
@@ -14,7 +14,7 @@ SHAPE = (48, 64, 3)
 
 
 def picture(value):
-    """A flat frame whose grey value tells which one it is."""
+    """A flat frame whose grey value identifies it."""
     return np.full(SHAPE, value, np.uint8)
 
 
@@ -58,7 +58,7 @@ def test_folder_with_an_img_subfolder(folder, tmp_path_factory):
     assert values(open_source(sequence)) == list(range(1, 13))
 
 
-def test_other_files_in_a_folder_are_left_alone(folder):
+def test_other_files_in_a_folder_are_ignored(folder):
     (folder / "groundtruth_rect.txt").write_text("1,2,3,4\n")
     assert open_source(folder).length == 12
 
@@ -89,7 +89,7 @@ def test_grey_images_become_rgb(tmp_path):
     np.testing.assert_array_equal(frame, picture(70))
 
 
-def test_video_is_read_whole_and_again(video):
+def test_video_is_read_completely_and_again(video):
     source = open_source(video)
     assert (source.shape, source.length, source.fps) == (SHAPE, 20, 25)
     assert values(source) == list(range(20))
@@ -129,7 +129,7 @@ def test_missing_source(tmp_path):
         open_source(tmp_path / "nothing")
 
 
-def test_file_that_is_no_video(tmp_path):
+def test_file_that_is_not_a_video(tmp_path):
     (tmp_path / "notes.txt").write_text("no video")
     with pytest.raises(ValueError, match=r"notes\.txt cannot be read as a video"):
         open_source(tmp_path / "notes.txt")
@@ -165,21 +165,21 @@ def test_image_that_breaks_while_reading(folder):
 
 
 def noise(suffix):
-    """A file of an image that fills it."""
+    """The bytes of an image of noise, which compression does not shrink."""
     image = np.random.default_rng(0).integers(0, 255, SHAPE).astype(np.uint8)
     return cv2.imencode(f".{suffix}", image)[1].tobytes()
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "bmp", "tif", "webp", "ppm", "jp2"])
-@pytest.mark.parametrize("share", [0.5, 0.95])
-def test_image_that_is_cut_off_while_reading(tmp_path, suffix, share, capfd):
+@pytest.mark.parametrize("fraction", [0.5, 0.95])
+def test_image_that_is_cut_off_while_reading(tmp_path, suffix, fraction, capfd):
     """OpenCV itself decodes half a JPEG, and fills the rest with grey."""
     for n in range(3):
         (tmp_path / f"{n}.{suffix}").write_bytes(noise(suffix))
     frames = iter(open_source(tmp_path))
     next(frames)
     path = tmp_path / f"1.{suffix}"
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    path.write_bytes(path.read_bytes()[: int(fraction * path.stat().st_size)])
     with pytest.raises(BrokenSource, match=r"1\.\w+ \(frame 1\)") as broken:
         next(frames)
     assert broken.value.frame == 1
@@ -188,7 +188,7 @@ def test_image_that_is_cut_off_while_reading(tmp_path, suffix, share, capfd):
 
 
 @pytest.mark.parametrize("content", [None, b""])
-def test_image_that_is_gone_while_reading(folder, content):
+def test_image_that_is_missing_while_reading(folder, content):
     frames = iter(open_source(folder))
     next(frames)
     (folder / "img2.png").unlink()
@@ -198,7 +198,7 @@ def test_image_that_is_gone_while_reading(folder, content):
         next(frames)
 
 
-def test_what_lies_around_a_jpeg_is_no_part_of_it():
+def test_bytes_around_a_jpeg_are_not_part_of_it():
     whole = noise("jpg")
     thumbnail = noise("jpg")[:1000] + b"\xff\xd9"
     segment = b"\xff\xe1" + (2 + len(thumbnail)).to_bytes(2) + thumbnail
@@ -213,17 +213,17 @@ def test_truncated_video_yields_its_good_frames_first(video, tmp_path):
     cut = tmp_path / "cut.avi"
     whole = video.read_bytes()
     cut.write_bytes(whole[: len(whole) * 3 // 4])
-    stacks = []
+    stacks: list[np.ndarray] = []
     with pytest.raises(BrokenSource, match=r"cut\.avi breaks off") as broken:
         stacks.extend(chunks(open_source(cut), 4))
     good = values(frame for stack in stacks for frame in stack)
     assert 3 < len(good) < 20
-    # Of the last one only a part may be there.
+    # The last one may be incomplete.
     assert good[:-1] == list(range(len(good) - 1))
     assert broken.value.frame == len(good)
 
 
-def test_end_before_the_break_is_no_error(video, tmp_path):
+def test_end_before_the_break_is_not_an_error(video, tmp_path):
     cut = tmp_path / "cut.avi"
     whole = video.read_bytes()
     cut.write_bytes(whole[: len(whole) * 3 // 4])
@@ -249,4 +249,6 @@ def test_image_size_agrees_with_decoding(tmp_path, suffix):
     for shape in [(37, 53), (37, 53, 3)]:
         path = tmp_path / f"image.{suffix}"
         cv2.imwrite(str(path), np.zeros(shape, np.uint8))
-        assert image_size(path) == cv2.imread(str(path)).shape[:2] == (37, 53)
+        decoded = cv2.imread(str(path))
+        assert decoded is not None
+        assert image_size(path) == decoded.shape[:2] == (37, 53)

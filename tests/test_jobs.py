@@ -1,6 +1,7 @@
-"""What a batch is made of: frames shared by readers, and work that is done again where it fails."""
+"""What a batch is made of: frames shared by readers, and work that is repeated where it fails."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcs_jax.io.frames import BrokenSource, FrameSource
-from dcs_jax.jobs.engines import Outcome
-from dcs_jax.jobs.local import LocalEngine
+from dcs_jax.jobs.engines import LocalEngine, WorkResult
 from dcs_jax.jobs.manifest import Video
 from dcs_jax.jobs.shared import SharedFrames
 
@@ -17,12 +17,14 @@ from dcs_jax.jobs.shared import SharedFrames
 class Numbers(FrameSource):
     """Frames that hold their index, each decoded once."""
 
+    path, shape, start = Path("numbers"), (1, 1, 3), 0
+
     def __init__(self, length):
-        self.path, self.shape, self.start, self.length = "numbers", (1, 1, 3), 0, length
+        self._frames = range(length)
         self.decoded = 0
 
     def __iter__(self):
-        for index in range(self.length):
+        for index in self._frames:
             self.decoded += 1
             yield np.full((1, 1, 3), index, np.uint8)
 
@@ -32,7 +34,7 @@ def test_every_reader_gets_its_frames_in_any_order_of_reading(spans, data):
     source = Numbers(40)
     frames = SharedFrames(source)
     readers = {n: frames.reader(a, a + length) for n, (a, length) in enumerate(spans)}
-    read = {n: [] for n in readers}
+    read: dict[int, list[int]] = {n: [] for n in readers}
     while readers:
         n = data.draw(st.sampled_from(sorted(readers)))
         frame = next(readers[n], None)
@@ -60,12 +62,12 @@ def test_readers_may_be_in_threads():
     source = Numbers(200)
     frames = SharedFrames(source)
     readers = [frames.reader(n, 200) for n in range(4)]
-    read = [[] for _ in readers]
+    read: list[list[int]] = [[] for _ in readers]
 
-    def follow(n):
+    def read_all(n):
         read[n].extend(int(frame[0, 0, 0]) for frame in readers[n])
 
-    threads = [threading.Thread(target=follow, args=(n,)) for n in range(4)]
+    threads = [threading.Thread(target=read_all, args=(n,)) for n in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -83,11 +85,12 @@ def test_a_source_that_ends_too_early_is_broken(span):
 
 def test_failed_work_is_done_again_and_then_given_up():
     calls = dict.fromkeys("abcd", 0)
-    advanced, retried = [], []
+    frames: list[int] = []
+    retried = []
 
-    def work(video, advance):
+    def work(video, on_frames):
         calls[video.source] += 1
-        advance(10)
+        on_frames(10)
         if video.source == "b" and calls["b"] < 3:
             raise OSError("not now")
         if video.source == "c":
@@ -97,38 +100,38 @@ def test_failed_work_is_done_again_and_then_given_up():
     videos = {name: Video(name, ()) for name in calls}
     batches = [[videos["a"], videos["b"]], [videos["c"], videos["d"]]]
     with LocalEngine(2) as engine:
-        outcomes = list(
+        results = list(
             engine.run(
                 work,
                 batches,
                 retries=2,
-                advance=advanced.append,
-                retrying=lambda video, reason: retried.append((video.source, reason)),
+                on_frames=frames.append,
+                on_retry=lambda video, reason: retried.append((video.source, reason)),
             )
         )
-    assert sorted(outcomes, key=lambda outcome: outcome.video.source) == [
-        Outcome(videos["a"], "A", None),
-        Outcome(videos["b"], "B", None),
-        Outcome(videos["c"], None, "never"),
-        Outcome(videos["d"], "D", None),
+    assert sorted(results, key=lambda result: result.video.source) == [
+        WorkResult(videos["a"], "A", None),
+        WorkResult(videos["b"], "B", None),
+        WorkResult(videos["c"], None, "never"),
+        WorkResult(videos["d"], "D", None),
     ]
     assert calls == {"a": 1, "b": 3, "c": 3, "d": 1}
     assert sorted(retried) == [("b", "OSError: not now")] * 2 + [("c", "never")] * 2
-    assert sum(advanced) == 30  # lost work does not count
+    assert sum(frames) == 30  # lost work does not count
 
 
 def test_what_is_running_ends_when_the_run_is_closed():
     ended = []
 
-    def work(video, advance):
+    def work(video, on_frames):
         try:
             while True:
-                advance(0)
+                on_frames(0)
         finally:
             ended.append(video.source)
 
-    def fast(video, advance):
-        return None if video.source == "fast" else work(video, advance)
+    def fast(video, on_frames):
+        return None if video.source == "fast" else work(video, on_frames)
 
     with LocalEngine(2) as engine:
         run = engine.run(fast, [[Video("slow", ())], [Video("fast", ())]])

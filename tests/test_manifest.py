@@ -1,4 +1,4 @@
-"""The list of what to track, and one line that names row and column where it is wrong."""
+"""The list of what to track, and errors that name the line and column."""
 
 import pytest
 
@@ -64,15 +64,15 @@ GOOD = 'a,"1,2,30,40",0,9,one\n'
         (HEAD + GOOD + "\n" + GOOD, "line 4, column id is 'one': expected a name of its own, but"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(tmp_path, text, message):
+def test_errors_name_line_and_column(tmp_path, text, message):
     path = write(tmp_path, text)
     with pytest.raises(ValueError, match=r"manifest\.csv") as error:
         read_manifest(path)
     assert message in str(error.value)
 
 
-def test_what_is_no_text_is_named(tmp_path):
+def test_a_file_that_is_not_text(tmp_path):
     path = tmp_path / "manifest.csv"
     path.write_bytes(b"source,box\n\xff\xfe\n")
-    with pytest.raises(ValueError, match=r"manifest\.csv, line \d is no CSV in UTF-8"):
+    with pytest.raises(ValueError, match=r"manifest\.csv, line \d is not CSV in UTF-8"):
         read_manifest(path)

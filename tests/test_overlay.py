@@ -20,7 +20,7 @@ def clip():
 
 
 @pytest.mark.parametrize("size", [(240, 320), (2160, 3840)])
-def test_box_lies_where_it_is_stated(size):
+def test_box_is_drawn_at_its_position(size):
     frame = np.full((*size, 3), 90, np.uint8)
     unit = size[0] // 240
     x, y, w, h = box = np.array([100, 60, 80, 120]) * unit
@@ -38,13 +38,22 @@ def test_box_and_label_across_the_edge(box):
     assert is_colour(frame, TRACKED).sum() > 200  # the label is inside, wherever the box is
 
 
-def test_unlabelled_box_is_left_out():
+def test_unlabelled_box_is_not_drawn():
     frame = np.full((240, 320, 3), 90, np.uint8)
     draw_box(frame, [np.nan] * 4, TRUTH)
     assert (frame == 90).all()
 
 
-def test_draw_track_leaves_the_frame_alone(clip):
+def test_a_confidence_of_nan_is_not_drawn(clip):
+    with_label = draw_track(clip.frames[0], clip.boxes[0], 0.5)
+    without = draw_track(clip.frames[0], clip.boxes[0], float("nan"))
+    expected = clip.frames[0].copy()
+    draw_box(expected, clip.boxes[0], TRACKED)
+    np.testing.assert_array_equal(without, expected)
+    assert (with_label != without).any()
+
+
+def test_draw_track_does_not_change_the_frame(clip):
     before = clip.frames[0].copy()
     drawn = draw_track(clip.frames[0], clip.boxes[0] + 6, 0.5, clip.boxes[0])
     np.testing.assert_array_equal(clip.frames[0], before)
@@ -112,6 +121,25 @@ def test_film_strip_shades_spans_and_skips_missing_labels(clip):
     assert plain.shape == shaded.shape
     columns = np.nonzero((plain != shaded).any(axis=(0, 2)))[0]
     assert columns.size
+
+
+@pytest.mark.parametrize("part_scores", [None, np.full((24, 5), 0.5)])
+@pytest.mark.parametrize("with_truth", [True, False])
+def test_film_strip_without_confidence(clip, part_scores, with_truth):
+    """The curve of the confidence is left out; with some values, only the others are."""
+    truth = clip.boxes if with_truth else None
+    rows = {}
+    for name, confidence in (
+        ("all", np.linspace(0, 1, 24)),
+        ("some", np.where(np.arange(24) % 12 < 6, 0.5, np.nan)),
+        ("none", np.full(24, np.nan)),
+    ):
+        strip = film_strip(
+            clip.frames, clip.boxes, confidence, part_scores=part_scores, truth=truth
+        )
+        rows[name] = len(strip)
+    assert rows["some"] == rows["all"]
+    assert (rows["none"] < rows["all"]) == (part_scores is None)
 
 
 @pytest.mark.parametrize("length", [1, 3])

@@ -76,10 +76,10 @@ def test_every_change_is_made_to_every_preset():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("best", "'best' is no preset: expected one of default, paper, authors"),
-        (" ", "'' is no preset"),
-        ("paper colour=red", "'colour=red' is no change of a field: .* selectors"),
-        ("paper parts", "'parts' is no change"),
+        ("best", "'best' is not a preset: expected one of default, paper, authors"),
+        (" ", "'' is not a preset"),
+        ("paper colour=red", "'colour=red' is not a change of a field: .* selectors"),
+        ("paper parts", "'parts' is not a change"),
         ("paper parts=3", "parts must be one of 1, 5, 9"),
     ],
 )

@@ -13,6 +13,7 @@ from dcs_jax.evaluation import evaluate
 from dcs_jax.evaluation.report import write_report
 from dcs_jax.evaluation.report.plots import colours
 from dcs_jax.evaluation.report.strips import COUNT, film_strip
+from dcs_jax.evaluation.statistics import FEWEST_SEEDS
 from dcs_jax.synthetic import render
 
 SMALL = {"canvas": 20, "selectors": 6, "pool_size": 12}
@@ -44,7 +45,7 @@ def evaluation(tmp_path_factory):
         folder / "root",
         folder / "out",
         settings={"paper": Config(parts=5, **SMALL), "<b>&one": Config(parts=1, **SMALL)},
-        seeds=3,
+        seeds=FEWEST_SEEDS,
         peers=["MIL"],
         published=folder / "published",
     )
@@ -94,7 +95,18 @@ def test_the_numbers_on_the_page_are_those_of_the_summary(evaluation, page):
             assert f"<span>{numbers[metric].mean:.{digits}f}</span>" in text
     assert "47.1" in text
     (agreement,) = evaluation.summary.agreement
-    assert f"{agreement.test.z:+.1f}" in text
+    assert f"{agreement.test.t:+.1f}" in text
+    assert "too few seeds" not in text
+
+
+def test_few_seeds_have_no_verdict_on_the_page(evaluation, tmp_path):
+    (agreement,) = evaluation.summary.agreement
+    few = evaluation.summary._replace(agreement=[agreement._replace(test=None)])
+    text = write_report(few, tmp_path / "index.html").read_text(encoding="utf-8")
+    assert text.count("too few seeds") == 1
+    assert f"Fewer than {FEWEST_SEEDS} seeds give no verdict" in text
+    for verdict in (f"{agreement.test.t:+.1f}<", "agrees<", "ours is better<", "ours is worse<"):
+        assert verdict not in text
 
 
 def test_film_strips_show_where_the_boxes_lie_apart(evaluation):
@@ -171,7 +183,7 @@ def test_every_picture_loads(shown):
     assert min(drawn) > 100
 
 
-@pytest.mark.parametrize("table", [0, 1, 2, 3])
+@pytest.mark.parametrize("table", [0, 1, 2, 3, 4])
 def test_every_table_sorts_by_every_column(shown, table):
     tab = shown()
     sortable = tab.locator("table.sortable").nth(table)

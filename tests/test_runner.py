@@ -19,7 +19,7 @@ def clip():
 @pytest.mark.parametrize("chunk", [32, 6])
 def test_seeds_are_those_of_track_sequence(clip, monkeypatch, chunk):
     monkeypatch.setattr(slots, "CHUNK_FRAMES", chunk)
-    counted = []
+    counted: list[int] = []
     box = clip.boxes[0].astype(float)
     runs = run_seeds(iter(clip.frames), box, [0, 1, 5], SMALL, counted.append)
     assert runs.boxes.shape == (3, 21, 4)
@@ -33,6 +33,6 @@ def test_seeds_are_those_of_track_sequence(clip, monkeypatch, chunk):
 
 
 def test_the_native_grid_and_one_frame(clip):
-    config = Config.paper(selectors=2, pool_size=4, window_minimum=0.0)
+    config = dcs_jax.Config.paper(selectors=2, pool_size=4, window_minimum=0.0)
     runs = run_seeds(clip.frames[:1], clip.boxes[0].astype(float), [3], config)
     np.testing.assert_array_equal(runs.boxes, clip.boxes[None, :1])

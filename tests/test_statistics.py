@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dcs_jax.evaluation.statistics import paired, ranks, spread, z_test
+from dcs_jax.evaluation.statistics import FEWEST_SEEDS, paired, ranks, spread, welch_test
 
 
 def test_spread_of_three_values():
@@ -69,18 +69,36 @@ def test_what_is_not_paired_is_refused(first, second):
         paired(first, second)
 
 
-def test_z_by_hand():
-    """Means 12 and 10, deviations 2 and 3, 4 and 9 runs: 2 / sqrt(1 + 1)."""
-    values = 12 + 2 * np.array([1, -1, 1, -1]) * math.sqrt(3 / 4)
-    found = z_test(values, 10, 3, 9)
-    assert found.z == pytest.approx(2**0.5)
-    assert found.p == pytest.approx(2 * (1 - 0.9213504), abs=1e-6)
+def test_welch_by_hand():
+    """Means 12 and 10, deviations 2 and 3, 5 and 9 runs: 2 / sqrt(4 / 5 + 1)."""
+    values = 12 + np.array([2, 2, 0, -2, -2])
+    found = welch_test(values, 10, 3, 9)
+    assert found.t == pytest.approx(2 / (4 / 5 + 1) ** 0.5)
+    freedom = (4 / 5 + 1) ** 2 / ((4 / 5) ** 2 / 4 + 1 / 8)
+    assert found.p == pytest.approx(2 * stats.t.sf(found.t, freedom))
 
 
-@pytest.mark.parametrize(("values", "sd", "n"), [([1], 1, 30), ([1, 2], 1, 1), ([1, 1], 0, 30)])
-def test_z_needs_runs_and_a_deviation(values, sd, n):
-    with pytest.raises(ValueError, match="z-test needs"):
-        z_test(values, 1, sd, n)
+@pytest.mark.parametrize("n", [FEWEST_SEEDS, 30])
+def test_the_published_mean_and_deviation_stand_for_the_runs(n):
+    rng = np.random.default_rng(n)
+    ours, theirs = rng.normal(10, 2, n), rng.normal(12, 5, 30)
+    found = welch_test(ours, theirs.mean(), theirs.std(ddof=1), len(theirs))
+    expected = stats.ttest_ind(ours, theirs, equal_var=False)
+    assert (found.t, found.p) == pytest.approx((expected.statistic, expected.pvalue))
+
+
+@pytest.mark.parametrize(
+    ("values", "sd", "n", "message"),
+    [
+        ([10, 10.1], 1, 30, "needs 5 seeds and 2 published runs, but has 2 and 30"),
+        ([1, 2, 3, 4, math.nan], 1, 30, "but has 4 and 30"),
+        ([1, 2, 3, 4, 5], 1, 1, "but has 5 and 1"),
+        ([1] * 5, 0, 30, "needs a deviation on one side"),
+    ],
+)
+def test_welch_needs_runs_and_a_deviation(values, sd, n, message):
+    with pytest.raises(ValueError, match=message):
+        welch_test(values, 1, sd, n)
 
 
 def test_ranks_share_places_and_leave_out_what_is_missing():

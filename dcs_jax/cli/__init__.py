@@ -42,7 +42,7 @@ def main(
         ),
     ] = False,
 ) -> None:
-    """Follow one object through a video with part-based online boosting."""
+    """Track one object through a video with part-based online boosting."""
     silence_opencv()
     if context.invoked_subcommand is None:
         typer.echo(context.get_help(), nl=False)

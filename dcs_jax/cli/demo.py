@@ -1,4 +1,4 @@
-"""`dcs-jax demo`: render a clip, track it, show how well that went."""
+"""`dcs-jax demo`: render a clip, track it, report the accuracy."""
 
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +21,7 @@ from dcs_jax.synthetic import Clip, render
 
 
 def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the files.")] = Path(
         "dcs-jax-demo"
     ),
 ) -> None:
@@ -34,7 +34,7 @@ def demo(
     clip = render()
     config = dcs_jax.Config()
     seconds = []
-    for _ in range(2):  # the first run compiles, the second tells the speed
+    for _ in range(2):  # the first run compiles, the second gives the speed
         times, tracks = [perf_counter()], []
         for chunk in dcs_jax.track_stream(clip.frames, clip.boxes[:1], config=config):
             tracks.append(chunk.track)
@@ -43,7 +43,9 @@ def demo(
     track = jax.tree.map(lambda *chunks: np.concatenate(chunks, 1)[0], *tracks)
     boxes, confidence, part_scores = track.boxes, track.confidence, track.part_scores
 
-    speed = (len(boxes) - 1) / (times[-1] - times[1])  # after the first frame, which is only learnt
+    speed = (len(boxes) - 1) / (
+        times[-1] - times[1]
+    )  # after the first frame, where the track only starts
     error, success = mean_centre_error(boxes, clip.boxes), success_rate(boxes, clip.boxes)
     table = Table(title=f"dcs-jax {dcs_jax.__version__}: {len(boxes)} rendered frames")
     table.add_column("measure")
@@ -77,7 +79,7 @@ def demo(
 
 
 def _events(clip: Clip) -> list[Span]:
-    """When the target is occluded, the look-alike is beside it, and the light is down."""
+    """When the target is occluded, the look-alike passes it, and the light is reduced."""
     sideways = np.abs(clip.lookalike[:, 0] - clip.boxes[:, 0])
     events = {
         "occlusion": clip.occluded > 0,

@@ -1,4 +1,4 @@
-"""What the command line sets in the libraries it uses; the caller's environment goes first."""
+"""Settings of the libraries under the command line; the caller's environment has precedence."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ CACHE_FROM_SECONDS = 0.2  # programs that compile faster than this are not worth
 
 
 def silence_opencv() -> None:
-    """Keep OpenCV and FFmpeg from writing to the terminal: errors get one line of our own."""
+    """Keep OpenCV and FFmpeg from writing to the terminal: errors are reported in one line."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if "OPENCV_LOG_LEVEL" not in os.environ:
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

@@ -1,4 +1,4 @@
-"""How the command line reports that something is wrong: one line, no traceback."""
+"""How the command line reports errors: one line, no traceback."""
 
 import sys
 from typing import Any
@@ -10,7 +10,7 @@ from dcs_jax.io.frames import BrokenSource
 
 BAD_INPUT = 2
 BROKEN_SOURCE = 3
-INTERRUPTED = 130  # as a shell gives it for a process ended by Ctrl-C
+INTERRUPTED = 130  # as shells report a process that Ctrl-C ended
 
 
 class OneLineErrors(TyperGroup):

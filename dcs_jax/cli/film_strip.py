@@ -1,4 +1,4 @@
-"""One picture of a whole track: a strip of frames above its curves over time."""
+"""One image of a whole track: a strip of frames above its curves over time."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dcs_jax.evaluation.metrics import overlap
-from dcs_jax.io.drawing import BOLD, SAMPLES, Canvas, Colour
+from dcs_jax.io.drawing import BOLD, SAMPLES, Colour, Drawing
 from dcs_jax.io.overlay import TRACKED, TRUTH, draw_box
 
 PANEL: Colour = (24, 33, 48)
@@ -22,11 +22,11 @@ SPANS: tuple[Colour, ...] = ((255, 132, 104), (206, 150, 255), (255, 206, 92))
 
 BOX = 3  # thickness of a box before averaging
 
-# Layout in pixels of the finished picture.
+# Layout in pixels of the final image.
 MARGIN = 36
 GAP = 12
 HEADER = 84
-AXIS = 56  # left of a plot, for its scale
+AXIS_WIDTH = 56  # left of a plot, for its tick labels
 PLOT = 112
 HEADROOM = 12  # of a plot, above its 1
 PLOT_GAP = 50
@@ -34,10 +34,10 @@ CAPTION = 32  # below a frame
 
 
 class Span(NamedTuple):
-    """Frames `begin` (inclusive) to `end` (exclusive) in which something happens."""
+    """Frames `start` (inclusive) to `end` (exclusive) in which something happens."""
 
     label: str
-    begin: int
+    start: int
     end: int
 
 
@@ -54,19 +54,19 @@ def film_strip(
     count: int = 8,
     width: int = 1200,
 ) -> NDArray[np.uint8]:
-    """Draw evenly chosen frames with their boxes, and below them the confidence over time.
+    """Draw evenly spaced frames with their boxes, and below them the confidence over time.
 
     Args:
         frames: [T, H, W, 3] uint8 RGB.
-        boxes: [T, 4], the track, x, y, w, h in pixels.
-        confidence: [T] in [0, 1].
-        part_scores: [T, K] in [0, 1], drawn as thin curves below the confidence.
-        truth: [T, 4], the annotation, drawn with the boxes and as a curve of the overlap.
+        boxes: [T, 4] the track, x, y, w, h in pixels.
+        confidence: [T] in [0, 1], NaN left out; a curve of NaN alone is not drawn.
+        part_scores: [T, K] in [0, 1], drawn as thin curves behind the confidence.
+        truth: [T, 4] the annotation, drawn with the boxes and as a curve of the overlap.
         spans: intervals to shade and label in the curves.
-        title: the line at the top.
-        subtitle: the smaller line below it.
-        count: number of frames shown, four to a row.
-        width: of the picture, pixels.
+        title: line at the top.
+        subtitle: smaller line below the title.
+        count: number of frames shown, four in a row.
+        width: width of the image, pixels.
 
     Returns:
         [rows, width, 3] uint8 RGB.
@@ -78,28 +78,31 @@ def film_strip(
     cell_height = cell_width * rows / columns
     plots_top = HEADER + -(-count // across) * (cell_height + CAPTION) + PLOT_GAP
     scores = np.empty((length, 0)) if part_scores is None else np.asarray(part_scores, np.float64)
-    name = "Confidence" if part_scores is None else "Confidence and scores of the parts"
-    curves = [_Curve(name, np.asarray(confidence, np.float64), TRACKED, scores)]
+    values = np.asarray(confidence, np.float64)
+    names = ["confidence"] * bool(np.isfinite(values).any())
+    names += ["scores of the parts"] * (part_scores is not None)
+    curves = [_Curve(" and ".join(names).capitalize(), values, TRACKED, scores)] if names else []
     if truth is not None:
         truth = np.asarray(truth, np.float64)
         values = overlap(boxes, truth)
         curves.append(_Curve("Overlap with the ground truth", values, OVERLAP, scores[:, :0]))
 
-    canvas = Canvas(round(plots_top + len(curves) * (PLOT + PLOT_GAP) + MARGIN / 2), width)
-    _draw_header(canvas, title, subtitle, truth is not None)
+    drawing = Drawing(round(plots_top + len(curves) * (PLOT + PLOT_GAP) + MARGIN / 2), width)
+    _draw_header(drawing, title, subtitle, truth is not None)
     tinted = [(span, SPANS[i % len(SPANS)]) for i, span in enumerate(spans)]
     shown = np.unique(np.linspace(0, length - 1, count).round().astype(int))
     for cell, t in enumerate(shown):
         left = MARGIN + (cell % across) * (cell_width + GAP)
         top = HEADER + (cell // across) * (cell_height + CAPTION)
         box_truth = None if truth is None else truth[t]
-        picture = _picture(frames[t], boxes[t], box_truth, cell_height, cell_width)
-        canvas.place(picture, left, top)
-        _draw_caption(canvas, int(t), left, left + cell_width, top + cell_height + 18, tinted)
+        cell_image = _draw_frame(frames[t], boxes[t], box_truth, cell_height, cell_width)
+        drawing.paste(cell_image, left, top)
+        _draw_caption(drawing, int(t), left, left + cell_width, top + cell_height + 18, tinted)
     for row, curve in enumerate(curves):
-        _draw_plot(canvas, plots_top + row * (PLOT + PLOT_GAP), curve, tinted, shown)
-    _draw_frame_axis(canvas, plots_top + len(curves) * (PLOT + PLOT_GAP) - PLOT_GAP, length)
-    return canvas.finish()
+        _draw_plot(drawing, plots_top + row * (PLOT + PLOT_GAP), curve, tinted, shown)
+    if curves:
+        _draw_frame_axis(drawing, plots_top + len(curves) * (PLOT + PLOT_GAP) - PLOT_GAP, length)
+    return drawing.finish()
 
 
 def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -112,7 +115,7 @@ Tinted = tuple[Span, Colour]
 
 
 class _Curve(NamedTuple):
-    """One plot: the values [T] in [0, 1], NaN left out, above thin curves [T, K] of its parts."""
+    """One plot: values [T] in [0, 1], NaN left out, over thin curves [T, K] of the parts."""
 
     name: str
     values: NDArray[np.float64]
@@ -120,52 +123,52 @@ class _Curve(NamedTuple):
     parts: NDArray[np.float64]
 
 
-def _draw_header(canvas: Canvas, title: str, subtitle: str, with_truth: bool) -> None:
-    canvas.text(title, MARGIN, 42, BRIGHT, 24, BOLD)
-    canvas.text(subtitle, MARGIN, 66, FAINT, 15)
+def _draw_header(drawing: Drawing, title: str, subtitle: str, with_truth: bool) -> None:
+    drawing.text(title, MARGIN, 42, BRIGHT, 24, BOLD)
+    drawing.text(subtitle, MARGIN, 66, FAINT, 15)
     entries = [("tracked", TRACKED)]
     if with_truth:
         entries.append(("ground truth", TRUTH))
-    right: float = canvas.width - MARGIN
+    right: float = drawing.width - MARGIN
     for name, colour in reversed(entries):
-        left = right - canvas.text_width(name, 15)
-        canvas.text(name, left, 66, BRIGHT, 15)
-        canvas.fill(left - 30, 59, left - 8, 62, colour)
+        left = right - drawing.text_width(name, 15)
+        drawing.text(name, left, 66, BRIGHT, 15)
+        drawing.fill(left - 30, 59, left - 8, 62, colour)
         right = left - 48
 
 
-def _picture(
+def _draw_frame(
     frame: NDArray[np.uint8],
     box: NDArray[np.float64],
     truth: NDArray[np.float64] | None,
     height: float,
     width: float,
 ) -> NDArray[np.uint8]:
-    """The frame at the size of its cell, with its boxes."""
+    """The frame in the size of its cell, with its boxes."""
     size = (round(width * SAMPLES), round(height * SAMPLES))
     scale = np.tile([size[0] / frame.shape[1], size[1] / frame.shape[0]], 2)
     shrinks = scale[0] < 1
     method = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    picture = cv2.resize(frame, size, interpolation=method).astype(np.uint8)
+    image = cv2.resize(frame, size, interpolation=method).astype(np.uint8)
     if truth is not None:
-        draw_box(picture, truth * scale, TRUTH, thickness=BOX)
-    draw_box(picture, box * scale, TRACKED, thickness=BOX)
-    return picture
+        draw_box(image, truth * scale, TRUTH, thickness=BOX)
+    draw_box(image, box * scale, TRACKED, thickness=BOX)
+    return image
 
 
 def _draw_caption(
-    canvas: Canvas, t: int, left: float, right: float, baseline: float, tinted: Sequence[Tinted]
+    drawing: Drawing, t: int, left: float, right: float, baseline: float, tinted: Sequence[Tinted]
 ) -> None:
-    canvas.text(f"frame {t}", left, baseline, FAINT, 14)
+    drawing.text(f"frame {t}", left, baseline, FAINT, 14)
     for span, tint in tinted:
-        if span.begin <= t < span.end:
-            right -= canvas.text_width(span.label, 14)
-            canvas.text(span.label, right, baseline, tint, 14)
+        if span.start <= t < span.end:
+            right -= drawing.text_width(span.label, 14)
+            drawing.text(span.label, right, baseline, tint, 14)
             right -= GAP
 
 
 def _draw_plot(
-    canvas: Canvas,
+    drawing: Drawing,
     top: float,
     curve: _Curve,
     tinted: Sequence[Tinted],
@@ -173,45 +176,45 @@ def _draw_plot(
 ) -> None:
     """A curve over the frames, with the shown frames as dots."""
     values = curve.values
-    x = _frame_axis(canvas, len(values))
+    x = _frame_axis(drawing, len(values))
     left, right, bottom = x[0], x[-1], top + PLOT
     unit = PLOT - HEADROOM  # pixels from 0 to 1
-    canvas.fill(left, top, right, bottom, PANEL)
-    canvas.text(curve.name, left, top - 10, BRIGHT, 15, BOLD)
+    drawing.fill(left, top, right, bottom, PANEL)
+    drawing.text(curve.name, left, top - 10, BRIGHT, 15, BOLD)
     for span, tint in tinted:
-        begin, end = x[span.begin], x[span.end - 1]
-        canvas.fill(begin, top, end, bottom, tint, opacity=0.22)
-        canvas.fill(begin, top, end, top + 3, tint)
-        middle = (begin + end) / 2 - canvas.text_width(span.label, 14) / 2
-        canvas.text(span.label, middle, top - 10, tint, 14)
+        first, last = x[span.start], x[span.end - 1]
+        drawing.fill(first, top, last, bottom, tint, opacity=0.22)
+        drawing.fill(first, top, last, top + 3, tint)
+        middle = (first + last) / 2 - drawing.text_width(span.label, 14) / 2
+        drawing.text(span.label, middle, top - 10, tint, 14)
     for level in (0, 0.5, 1):
         y = bottom - level * unit
-        canvas.fill(left, y - 0.5, right, y + 0.5, RULE)
+        drawing.fill(left, y - 0.5, right, y + 0.5, RULE)
         text = f"{level:.1f}"
-        canvas.text(text, left - 10 - canvas.text_width(text, 13), y + 5, FAINT, 13)
+        drawing.text(text, left - 10 - drawing.text_width(text, 13), y + 5, FAINT, 13)
     for part in curve.parts.T:
-        canvas.curve(np.column_stack([x, bottom - part * unit]), PART, 1)
+        drawing.curve(np.column_stack([x, bottom - part * unit]), PART, 1)
     points = np.column_stack([x, bottom - values * unit])
-    canvas.curve(points[np.isfinite(values)], curve.colour, 2)
+    drawing.curve(points[np.isfinite(values)], curve.colour, 2)
     for t in shown[np.isfinite(values[shown])]:
-        canvas.dot(points[t], 5, PANEL)
-        canvas.dot(points[t], 3.5, curve.colour)
+        drawing.dot(points[t], 5, PANEL)
+        drawing.dot(points[t], 3.5, curve.colour)
 
 
-def _draw_frame_axis(canvas: Canvas, bottom: float, length: int) -> None:
-    x = _frame_axis(canvas, length)
-    canvas.text("frame", MARGIN, bottom + 19, FAINT, 13)
+def _draw_frame_axis(drawing: Drawing, bottom: float, length: int) -> None:
+    x = _frame_axis(drawing, length)
+    drawing.text("frame", MARGIN, bottom + 19, FAINT, 13)
     for t in range(0, length, _tick_step(length)):
-        left = x[t] - canvas.text_width(str(t), 13) / 2
-        canvas.text(str(t), left, bottom + 19, FAINT, 13)
+        left = x[t] - drawing.text_width(str(t), 13) / 2
+        drawing.text(str(t), left, bottom + 19, FAINT, 13)
 
 
-def _frame_axis(canvas: Canvas, length: int) -> NDArray[np.float64]:
-    """Where each frame lies from left to right, pixels: [T]."""
-    return np.linspace(MARGIN + AXIS, canvas.width - MARGIN, length)
+def _frame_axis(drawing: Drawing, length: int) -> NDArray[np.float64]:
+    """Horizontal position of each frame, pixels: [T]."""
+    return np.linspace(MARGIN + AXIS_WIDTH, drawing.width - MARGIN, length)
 
 
 def _tick_step(length: int) -> int:
-    """The least of 1, 2, 5, 10, 20, ... that gives at most 16 ticks."""
+    """Smallest of 1, 2, 5, 10, 20, ... that gives at most 16 ticks."""
     step: int = 10 ** int(np.floor(np.log10(max(length / 16, 1))))
     return next(step * factor for factor in (1, 2, 5, 10) if step * factor * 16 >= length)

@@ -1,4 +1,4 @@
-"""Bars that show how far a command is, on stderr, on a terminal only."""
+"""Progress bars on stderr, shown on a terminal only."""
 
 from typing import Self
 
@@ -15,7 +15,7 @@ from rich.progress import (
 
 
 def bar(*columns: ProgressColumn) -> Progress:
-    """A bar with what is being done before it and these columns behind it."""
+    """A progress bar after its description and before these columns."""
     console = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"),
@@ -28,32 +28,32 @@ def bar(*columns: ProgressColumn) -> Progress:
 
 
 class WorkBar:
-    """A bar over work whose amount is known once it is planned, with the time left."""
+    """A progress bar with the time left, for work whose amount is known only after planning."""
 
     def __init__(self, description: str) -> None:
-        """description: what is done before the work is known."""
+        """description: what is done while the work is planned."""
         self._progress = bar(TaskProgressColumn(), TimeRemainingColumn())
         self._task = self._progress.add_task(description, total=None)
 
     def __enter__(self) -> Self:
-        """Show it."""
+        """Show the bar."""
         self._progress.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Take it away."""
+        """Remove the bar."""
         self._progress.stop()
 
     def start(self, work: int, notes: list[str]) -> None:
-        """Print the notes, if any, and set the bar to the work that is left."""
+        """Print the notes, if any, and set the total to the work that is left."""
         if notes:
             typer.echo(", ".join(notes))
         self._progress.update(self._task, total=work)
 
     def describe(self, what: str) -> None:
-        """Name what is being done."""
+        """Set the description to what is being done."""
         self._progress.update(self._task, description=what)
 
     def advance(self, work: int) -> None:
-        """Move the bar."""
+        """Add the work that is done."""
         self._progress.advance(self._task, work)

@@ -1,9 +1,8 @@
-"""`dcs-jax track`: follow an object through a video file or a folder of images."""
+"""`dcs-jax track`: track an object through a video file or a folder of images."""
 
 from contextlib import ExitStack
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import jax
 import numpy as np
@@ -22,12 +21,7 @@ from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, 
 from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
 from dcs_jax.io.overlay import VideoWriter, draw_track
 
-
-class Preset(StrEnum):
-    """The settings to choose from."""
-
-    default = "default"
-    paper = "paper"
+Preset = Literal["default", "paper"]
 
 
 def track(
@@ -41,19 +35,19 @@ def track(
         str | None,
         typer.Option(
             metavar="X,Y,W,H",
-            help="The object in the first frame, pixels. May be left out where a "
-            f"{ANNOTATION_NAME} lies beside the images.",
+            help="Box of the object in the first frame, pixels. Optional if the folder has a "
+            f"{ANNOTATION_NAME}.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Table of the boxes, one row a frame.")] = Path(
+    out: Annotated[Path, typer.Option(help="Table of the boxes, one row per frame.")] = Path(
         "boxes.csv"
     ),
     overlay: Annotated[
         Path | None,
         typer.Option(help="Also write a video (mp4, avi) with the boxes.", show_default=False),
     ] = None,
-    preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = Preset.default,
+    preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = "default",
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")
     ] = 0,
@@ -62,25 +56,23 @@ def track(
         int | None, typer.Option(help="Frame to stop before.", show_default="all frames")
     ] = None,
 ) -> None:
-    """Follow an object through a video file or a folder of images.
+    """Track an object through a video file or a folder of images.
 
-    Where a groundtruth_rect.txt lies beside the images, --box may be left out: tracking starts at
-    the first labelled frame, and the command ends with centre error and success rate.
+    If a folder of images has a groundtruth_rect.txt, centre error and success rate are printed at
+    the end, and --box is optional: tracking then starts at the first labelled frame.
     """
-    given = None if box is None else parse_box(box)
+    initial = None if box is None else parse_box(box)
     frames = open_source(source, start, end)
     for path in (out, overlay):
         if path is not None and path.resolve() == source.resolve():
             raise ValueError(f"{path} is the source: it would be overwritten")
     truth = _read_truth(source, frames)
-    if given is None:
+    if initial is None:
         if truth is None:
-            raise ValueError(
-                f"--box is missing, and there is no {ANNOTATION_NAME} beside images of {source}"
-            )
+            raise ValueError(f"--box is missing, and {source} has no {ANNOTATION_NAME}")
         first = _first_labelled(truth, start, end)
-        frames, given = open_source(source, first, end), truth[first]
-    boxes = _track_to_files(frames, given, truth, out, overlay, preset, seed)
+        frames, initial = open_source(source, first, end), truth[first]
+    boxes = _track_to_files(frames, initial, truth, out, overlay, preset, seed)
     typer.echo(f"{len(boxes)} frames tracked, boxes in {out}")
     if overlay is not None:
         typer.echo(f"overlay video in {overlay}")
@@ -108,7 +100,7 @@ def _read_truth(source: Path, frames: FrameSource) -> NDArray[np.float64] | None
     if len(truth) != frames.total:
         raise ValueError(
             f"{annotation} has {len(truth)} lines, but there are {frames.total} images: "
-            "expected one line an image"
+            "expected one line per image"
         )
     return truth
 
@@ -130,10 +122,10 @@ def _track_to_files(
     preset: Preset,
     seed: int,
 ) -> NDArray[np.float32]:
-    """Track all frames, writing every chunk as it is done: boxes [n, 4]."""
+    """Track all frames and write every chunk as it is done: boxes [n, 4]."""
     keep_compiled_programs()
     check_box(box, frames.shape[:2])
-    config = dcs_jax.Config() if preset is Preset.default else dcs_jax.Config.paper()
+    config = dcs_jax.Config() if preset == "default" else dcs_jax.Config.paper()
     boxes: list[NDArray[np.float32]] = []
     with ExitStack() as files:
         video = overlay and files.enter_context(VideoWriter(overlay, frames.shape, frames.fps))
@@ -142,21 +134,21 @@ def _track_to_files(
         task = progress.add_task("tracking", total=frames.length)
         try:
             for chunk in dcs_jax.track_stream(frames, box[None], jax.random.key(seed), config):
-                found = np.asarray(chunk.track.boxes[0])
+                tracked = np.asarray(chunk.track.boxes[0])
                 confidence = np.asarray(chunk.track.confidence[0])
-                table.write(found, confidence)
+                table.write(tracked, confidence)
                 if video:
                     for n, frame in enumerate(chunk.frames):
                         label = None if truth is None else truth[frames.start + chunk.start + n]
-                        video.write(draw_track(frame, found[n], confidence[n], label))
-                boxes.append(found)
-                progress.advance(task, len(found))
+                        video.write(draw_track(frame, tracked[n], confidence[n], label))
+                boxes.append(tracked)
+                progress.advance(task, len(tracked))
         except BrokenSource as error:
             raise BrokenSource(f"{error}; what was tracked is in {out}", error.frame) from error
         except KeyboardInterrupt:
             progress.stop()
-            tracked = sum(map(len, boxes))
-            typer.echo(f"interrupted: {tracked} frames tracked, boxes in {out}", err=True)
+            count = sum(map(len, boxes))
+            typer.echo(f"interrupted: {count} frames tracked, boxes in {out}", err=True)
             raise typer.Exit(INTERRUPTED) from None
     return np.concatenate(boxes)
 

@@ -206,11 +206,8 @@ class _Seeded:
         self.seeds = range(seeds)
 
     def config(self, sequence: str) -> dict[str, Any]:
-        config = self._setting.config(sequence)
-        fields = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
-        return {
-            k: np.asarray(v).tolist() if isinstance(v, jax.Array) else v for k, v in fields.items()
-        }
+        fields = dataclasses.asdict(self._setting.config(sequence))
+        return jax.tree.map(lambda v: v.tolist() if isinstance(v, jax.Array) else v, fields)
 
     def run(self, job: "_Job", frames: Iterable[Any], advance: Callable[[int], None]) -> Runs:
         config = self._setting.config(job.sequence.name)

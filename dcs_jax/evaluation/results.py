@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax.evaluation.datasets import Sequence
-from dcs_jax.io.files import atomic, safe_name
+from dcs_jax.io.files import atomic, safe_name, write_table
 
 PICTURES = 48  # frames kept of a sequence
 PICTURE_WIDTH = 480  # pixels at most
@@ -168,10 +168,7 @@ class Results:
 
     def write_published(self, published: Iterable[Published]) -> None:
         """Store other people's results beside ours."""
-        with atomic(self.folder / "published.csv", text=True) as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(Published._fields)
-            table.writerows(published)
+        write_table(self.folder / "published.csv", Published._fields, published)
 
     def published(self) -> list[Published]:
         """What `write_published` has stored."""
@@ -195,10 +192,7 @@ class Results:
     def write_skipped(self, skipped: Iterable[Skipped], tried: Container[str]) -> None:
         """Store what was skipped; what is known of sequences that were not `tried` now stays."""
         rows = [row for row in self.skipped() if row.sequence not in tried]
-        with atomic(self.folder / "skipped.csv", text=True) as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(Skipped._fields)
-            table.writerows([*rows, *skipped])
+        write_table(self.folder / "skipped.csv", Skipped._fields, [*rows, *skipped])
 
     def skipped(self) -> list[Skipped]:
         """What `write_skipped` has stored."""

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports scipy.stats at its first use: it takes 0.8 s, too long for --help
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
 LEVEL = 0.95
-EXACT = 13  # differences of which all 8192 choices of signs are looked at
-RESAMPLES = 9999  # random choices for more
+FEWEST_SEEDS = 5  # of a verdict on published runs: a deviation from fewer is hardly known
+RESAMPLES = 9999  # random choices of signs; up to 13 differences have fewer, and all are counted
 
 
 class Spread(NamedTuple):
@@ -36,7 +36,7 @@ def spread(values: ArrayLike) -> Spread:
     if n == 0:
         return Spread(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     mean, sd = float(known.mean()), float(known.std(ddof=1)) if n > 1 else np.nan
-    half = float(special.stdtrit(n - 1, (1 + LEVEL) / 2)) * sd / n**0.5 if n > 1 else np.nan
+    half = float(scipy.special.stdtrit(n - 1, (1 + LEVEL) / 2)) * sd / n**0.5 if n > 1 else np.nan
     return Spread(mean, sd, float(known.min()), float(known.max()), mean - half, mean + half, n)
 
 
@@ -68,46 +68,43 @@ def paired(first: ArrayLike, second: ArrayLike) -> Paired:
         )
     differences = first - second
     values = spread(differences)
-    if not differences.any():
-        return Paired(0.0, 0.0, 0.0, 1.0, values.n)
-    p = _sign_flip(differences)
-    return Paired(values.mean, values.low, values.high, p, values.n)
+    test = scipy.stats.permutation_test(
+        (differences,),
+        np.sum,
+        permutation_type="samples",
+        n_resamples=RESAMPLES,
+        rng=np.random.default_rng(0),
+    )
+    return Paired(values.mean, values.low, values.high, float(test.pvalue), values.n)
 
 
-def _sign_flip(differences: NDArray[np.float64]) -> float:
-    """How often the sum [n] is as far from 0 with random signs: of all choices, or of many."""
-    n = len(differences)
-    if n <= EXACT:
-        bits = np.arange(2**n)[:, None] >> np.arange(n) & 1
-        drawn = 0
-    else:
-        bits = np.random.default_rng(0).integers(0, 2, (RESAMPLES, n))
-        drawn = 1  # the signs as they are count as one of the draws
-    sums = np.abs((1 - 2 * bits) @ differences)
-    far = np.count_nonzero(sums >= abs(differences.sum()) * (1 - 1e-9))
-    return float((far + drawn) / (len(bits) + drawn))
+class WelchTest(NamedTuple):
+    """t, in standard errors of the difference of two means, and its two-sided p."""
 
-
-class ZTest(NamedTuple):
-    """z, in standard errors of the difference of two means, and its two-sided p."""
-
-    z: float
+    t: float
     p: float
 
 
-def z_test(values: ArrayLike, mean: float, sd: float, n: int) -> ZTest:
+def welch_test(values: ArrayLike, mean: float, sd: float, n: int) -> WelchTest:
     """Our values [m] against n published runs known by mean and standard deviation.
 
-    Raises ValueError where neither has a deviation, which leaves nothing to compare with.
+    Welch's t-test: it does not assume that both have the same deviation.
+
+    Raises ValueError for fewer than `FEWEST_SEEDS` values or 2 runs, or where both deviations are
+    0, so that there is nothing to compare with.
     """
     ours = spread(values)
-    if ours.n < 2 or n < 2:
-        raise ValueError(f"a z-test needs 2 runs or more on both sides, but has {ours.n} and {n}")
-    error = (ours.sd**2 / ours.n + sd**2 / n) ** 0.5
-    if error == 0:
-        raise ValueError("a z-test needs a deviation on one side, but both are 0")
-    z = (ours.mean - mean) / error
-    return ZTest(float(z), float(2 * special.ndtr(-abs(z))))
+    if ours.n < FEWEST_SEEDS or n < 2:
+        raise ValueError(
+            f"Welch's test needs {FEWEST_SEEDS} seeds and 2 published runs, "
+            f"but has {ours.n} and {n}"
+        )
+    if ours.sd == sd == 0:
+        raise ValueError("Welch's test needs a deviation on one side, but both are 0")
+    test = scipy.stats.ttest_ind_from_stats(
+        ours.mean, ours.sd, ours.n, mean, sd, n, equal_var=False
+    )
+    return WelchTest(float(test.statistic), float(test.pvalue))
 
 
 def ranks(values: Sequence[float], least_is_best: bool) -> list[int]:
@@ -116,4 +113,5 @@ def ranks(values: Sequence[float], least_is_best: bool) -> list[int]:
     Values are compared as given: round them first to how they are shown.
     """
     signed = np.asarray(values, np.float64) * (1 if least_is_best else -1)
-    return [0 if np.isnan(v) else 1 + len({u for u in signed.tolist() if u < v}) for v in signed]
+    found = scipy.stats.rankdata(signed, method="dense", nan_policy="omit")
+    return [int(rank) for rank in np.nan_to_num(found)]

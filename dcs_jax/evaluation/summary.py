@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from dcs_jax.evaluation.metrics import Scores, losses, precision_curve, scores, success_curve
 from dcs_jax.evaluation.paper import paper_name
 from dcs_jax.evaluation.results import Labels, Published, Record, Results
-from dcs_jax.evaluation.statistics import Paired, Spread, ZTest, paired, spread, z_test
+from dcs_jax.evaluation.statistics import (
+    FEWEST_SEEDS,
+    Paired,
+    Spread,
+    WelchTest,
+    paired,
+    spread,
+    welch_test,
+)
 
 # The published runs that a setting repeats.
 REPEATS = {
@@ -54,13 +62,16 @@ class Comparison(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """A setting's centre error on a sequence beside published runs of which the sd is known."""
+    """A setting's centre error on a sequence beside published runs of which the sd is known.
+
+    test: None for fewer than `FEWEST_SEEDS` seeds.
+    """
 
     sequence: str
     setting: str
     ours: Spread
     published: Published
-    test: ZTest
+    test: WelchTest | None
 
 
 class Summary(NamedTuple):
@@ -280,7 +291,9 @@ def _agreements(
             if REPEATS.get(setting) != theirs.tracker:
                 continue
             errors = [values.centre_error for values in table[setting][sequence, start].values()]
-            test = z_test(errors, theirs.centre_error, theirs.sd, theirs.runs)
+            test = None
+            if len(errors) >= FEWEST_SEEDS:
+                test = welch_test(errors, theirs.centre_error, theirs.sd, theirs.runs)
             found.append(Agreement(sequence, setting, spread(errors), theirs, test))
     return sorted(found, key=lambda agreement: (agreement.setting, agreement.sequence))
 

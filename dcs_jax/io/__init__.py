@@ -1,1 +1,1 @@
-"""Frames in, boxes and pictures out. Nothing here knows of the tracker."""
+"""Frames in, boxes and images out. Nothing here knows about the tracker."""

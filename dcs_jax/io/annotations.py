@@ -1,13 +1,13 @@
 """Boxes in and out: OTB annotations and the table of results.
 
-An annotation is a text file `groundtruth_rect.txt` with one box a frame: x, y, w, h in pixels,
+An annotation is a text file `groundtruth_rect.txt` with one box per frame: x, y, w, h in pixels,
 separated by commas, tabs or blanks, NaN where the frame is unlabelled.
 """
 
+import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -18,13 +18,12 @@ COLUMNS = ("frame", "x", "y", "w", "h", "confidence")  # of a table of results
 
 
 def read_boxes(path: str | Path, zeros_unlabelled: bool = False) -> NDArray[np.float64]:
-    """Read an annotation: boxes [T, 4], x, y, w, h in pixels; all four NaN for no label.
+    """Read an annotation: boxes [T, 4], x, y, w, h in pixels; all four NaN where unlabelled.
 
-    zeros_unlabelled: whether a line of zeros, too, stands for no label.
+    zeros_unlabelled: whether a line of zeros, too, means that the frame is unlabelled.
 
-    Raises:
-        ValueError: no lines, or a line that is neither a box of positive size nor has a NaN; the
-            message names the line.
+    Raises ValueError if there are no lines, or one is neither a box of positive size nor has a NaN;
+    the message names the line.
     """
     lines = read_lines(path)
     if not lines:
@@ -39,28 +38,31 @@ def read_lines(path: str | Path) -> list[str]:
     return Path(path).read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
 
 
-def parse_numbers(line: str, place: str, counts: Sequence[int], expected: str) -> list[float]:
-    """The numbers of a line, separated by commas, tabs or blanks.
+def parse_numbers(line: str, where: str, counts: Sequence[int], expected: str) -> list[float]:
+    """The numbers in a line, separated by commas, tabs or blanks.
 
-    Raises ValueError, with `place` and what was `expected`, unless there are as many as one of
-    `counts`.
+    where: file and line, for the error message.
+    counts: how many numbers there may be.
+    expected: what the line should hold, for the error message.
+
+    Raises ValueError if the line is anything else.
     """
     try:
         numbers = [float(field) for field in re.split(r"\s*,\s*|\s+", line.strip())]
     except ValueError:
         numbers = []
     if len(numbers) not in counts:
-        raise ValueError(f"{place} is {line.strip()!r}: expected {expected}")
+        raise ValueError(f"{where} is {line.strip()!r}: expected {expected}")
     return numbers
 
 
-def _parse(line: str, place: str, zeros_unlabelled: bool) -> list[float]:
-    box = parse_numbers(line, place, (4,), "four numbers x,y,w,h")
+def _parse(line: str, where: str, zeros_unlabelled: bool) -> list[float]:
+    box = parse_numbers(line, where, (4,), "four numbers x,y,w,h")
     if np.isnan(box).any() or (zeros_unlabelled and not any(box)):
         return [np.nan] * 4
     if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
         raise ValueError(
-            f"{place} is {line.strip()!r}: expected finite numbers with w and h positive, "
+            f"{where} is {line.strip()!r}: expected finite numbers with w and h positive, "
             "or NaN for an unlabelled frame"
         )
     return box
@@ -69,53 +71,52 @@ def _parse(line: str, place: str, zeros_unlabelled: bool) -> list[float]:
 def find_annotation(source: str | Path) -> Path | None:
     """The `groundtruth_rect.txt` of a folder of images, None if there is none.
 
-    It lies beside the images or, where their folder is called `img`, beside that folder.
+    It is in the folder of the images or, if that is called `img`, in its parent.
     """
     folder = Path(source)
     if not folder.is_dir():
         return None
-    places = [folder, folder.resolve().parent] if folder.resolve().name == "img" else [folder]
-    candidates = (place / ANNOTATION_NAME for place in [*places, folder / "img"])
-    return next((path for path in candidates if path.is_file()), None)
+    parents = [folder.resolve().parent] if folder.resolve().name == "img" else []
+    paths = (directory / ANNOTATION_NAME for directory in (folder, *parents, folder / "img"))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def box_rows(boxes: ArrayLike, confidence: ArrayLike, start: int) -> Iterator[tuple[str, ...]]:
-    """The rows of a table of results, with `COLUMNS`: boxes [n, 4] and confidence [n] from `start`.
+    """The rows of a table of results, with `COLUMNS`.
 
-    Numbers are as short as gives the same float32 when read again.
+    Numbers have as many digits as they need to give the same float32 when read again. A confidence
+    of NaN is an empty field.
+
+    boxes: [n, 4], x, y, w, h in pixels. confidence: [n]. start: index of the first frame.
     """
     columns = np.column_stack([boxes, confidence]).astype(np.float32)
-    for frame, row in enumerate(columns, start):
-        yield (str(frame), *map(str, row))
+    for frame, (*box, confident) in enumerate(columns, start):
+        yield str(frame), *map(str, box), "" if np.isnan(confident) else str(confident)
 
 
 class BoxWriter:
-    """Writes results as a table with the columns frame, x, y, w, h, confidence: one row a frame.
+    """Writes results as a table with the columns frame, x, y, w, h, confidence: one row per frame.
 
     A context manager. Every call of `write` reaches the disk, so that nothing tracked is lost.
     """
 
     def __init__(self, path: str | Path, start: int = 0) -> None:
-        """Open the file; `start` is the index of the first frame that will be written."""
+        """Open the file and write the header; `start` is the index of the first frame."""
         self._file = Path(path).open("w", encoding="utf-8", newline="")  # noqa: SIM115
+        self._table = csv.writer(self._file, lineterminator="\n")
         self._frame = start
-        self._file.write(",".join(COLUMNS) + "\n")
+        self._table.writerow(COLUMNS)
         self._file.flush()
 
     def write(self, boxes: ArrayLike, confidence: ArrayLike) -> None:
         """Append the boxes [n, 4] and confidences [n] of the next n frames."""
         for row in box_rows(boxes, confidence, self._frame):
-            self._file.write(",".join(row) + "\n")
+            self._table.writerow(row)
             self._frame += 1
         self._file.flush()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._file.close()

@@ -1,4 +1,4 @@
-"""Text and flat shapes on an RGB picture, for the film strip and the labels on a video."""
+"""Text and flat shapes on an RGB image, for the film strip and the labels on a video."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ Colour = tuple[int, int, int]  # RGB
 
 BOLD = 600
 PAPER: Colour = (15, 21, 32)
-SAMPLES = 2  # a canvas is drawn this many times larger, then averaged
+SAMPLES = 2  # a drawing is made this many times larger, then averaged
 
 
 @cache
@@ -33,14 +33,14 @@ def put_text(
     weight: int = 400,
 ) -> None:
     """Write a line of text into the image; `size` is its height in pixels, `weight` 100 to 800."""
-    place = (round(left), round(baseline))
-    cv2.putText(image, text, place, colour, _font(), round(size), weight)
+    origin = (round(left), round(baseline))
+    cv2.putText(image, text, origin, colour, _font(), round(size), weight)
 
 
-class Canvas:
-    """A picture addressed in its finished pixels and drawn `SAMPLES` times larger.
+class Drawing:
+    """An image addressed in its final pixels and drawn `SAMPLES` times larger.
 
-    Positions and lengths are in finished pixels, from the top-left corner.
+    Positions and lengths are in final pixels, from the top-left corner.
     """
 
     def __init__(self, height: int, width: int) -> None:
@@ -56,9 +56,9 @@ class Canvas:
         size: float,
         weight: int = 400,
     ) -> None:
-        """Write a line of text of a height of `size` pixels."""
-        place = (left * SAMPLES, baseline * SAMPLES)
-        put_text(self._image, text, *place, colour, size * SAMPLES, weight)
+        """Write a line of text that is `size` pixels high."""
+        origin = (left * SAMPLES, baseline * SAMPLES)
+        put_text(self._image, text, *origin, colour, size * SAMPLES, weight)
 
     def text_width(self, text: str, size: float, weight: int = 400) -> float:
         """Width of a line of text, pixels."""
@@ -83,9 +83,9 @@ class Canvas:
 
     def curve(self, points: NDArray[np.float64], colour: Colour, thickness: float) -> None:
         """Draw a line through the points [n, 2], x and y."""
-        corners = np.rint(points * SAMPLES * 16).astype(np.int32)
+        fixed_point = np.rint(points * SAMPLES * 16).astype(np.int32)
         size = round(thickness * SAMPLES)
-        cv2.polylines(self._image, [corners], False, colour, size, cv2.LINE_AA, shift=4)
+        cv2.polylines(self._image, [fixed_point], False, colour, size, cv2.LINE_AA, shift=4)
 
     def dot(self, point: NDArray[np.float64], radius: float, colour: Colour) -> None:
         """Fill a circle around the point [2], x and y."""
@@ -93,13 +93,13 @@ class Canvas:
         size = round(radius * SAMPLES * 16)
         cv2.circle(self._image, (x, y), size, colour, cv2.FILLED, cv2.LINE_AA, shift=4)
 
-    def place(self, picture: NDArray[np.uint8], left: float, top: float) -> None:
-        """Put a picture in that is already `SAMPLES` times larger."""
+    def paste(self, image: NDArray[np.uint8], left: float, top: float) -> None:
+        """Paste an image that is already `SAMPLES` times larger."""
         row, column = round(top * SAMPLES), round(left * SAMPLES)
-        area = self._image[row : row + picture.shape[0], column : column + picture.shape[1]]
-        area[:] = picture[: area.shape[0], : area.shape[1]]
+        area = self._image[row : row + image.shape[0], column : column + image.shape[1]]
+        area[:] = image[: area.shape[0], : area.shape[1]]
 
     def finish(self) -> NDArray[np.uint8]:
-        """The picture [height, width, 3]."""
+        """The image [height, width, 3] in its final size."""
         size = (self.width, self.height)
         return cv2.resize(self._image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)

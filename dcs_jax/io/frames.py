@@ -1,7 +1,7 @@
 """Frames from a folder of images or a video file, one at a time.
 
-A source is cheap to open and checked on opening, so that what can be known to be wrong is
-reported before anything is tracked; it can be iterated over more than once.
+A source is cheap to open, and is checked then, so that errors that can be found early are reported
+before anything is tracked. It can be iterated over more than once.
 """
 
 import re
@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 
 from dcs_jax.io.image_size import image_size, is_cut_off
 
-Frame = NDArray[np.uint8]  # [H, W, 3], RGB
+Image = NDArray[np.uint8]  # [H, W, 3], RGB
 Item = TypeVar("Item")
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
 )
-FOLDER_FPS = 30.0  # a folder of images states no rate
+FOLDER_FPS = 30.0  # a folder of images has no frame rate
 # The number of frames that a container announces may be an estimate from its duration: a video
-# that ends fewer frames than this before it is taken as whole.
+# that is at most this many frames shorter counts as complete.
 ANNOUNCED_SLACK = 2
 
 
-class BrokenSource(ValueError):  # noqa: N818 (it is the source that is broken)
-    """The source fails after frames that were good.
+class BrokenSource(ValueError):  # noqa: N818 (named after what is broken)
+    """The source fails after some good frames.
 
-    frame: index of the first frame that could not be read.
+    frame: index of the first frame that cannot be read.
     """
 
     def __init__(self, message: str, frame: int) -> None:
@@ -43,14 +43,14 @@ class BrokenSource(ValueError):  # noqa: N818 (it is the source that is broken)
 class FrameSource(ABC):
     """The frames `start` to `end` of a folder or video. Iterating yields [H, W, 3] uint8 RGB.
 
-    path: the folder of the images, or the video file.
+    path: folder of the images, or the video file.
     shape: (H, W, 3).
     start: index of the first frame, counted from 0.
     length: number of frames from start to end, None for a video that does not announce it.
     total: number of frames of the whole folder or video, None likewise.
     fps: frames per second at which the source is meant to be shown.
 
-    Iterating raises `BrokenSource` where a frame cannot be read, after the good ones before it.
+    Iterating raises `BrokenSource` at a frame that cannot be read, after the good ones before it.
     """
 
     path: Path
@@ -61,11 +61,11 @@ class FrameSource(ABC):
     fps: float
 
     @abstractmethod
-    def __iter__(self) -> Iterator[Frame]: ...
+    def __iter__(self) -> Iterator[Image]: ...
 
 
 class ImageFolder(FrameSource):
-    """A folder of images, in natural order. See `open_source`."""
+    """A folder of images in natural order. See `open_source`."""
 
     def __init__(self, path: Path, start: int, end: int | None) -> None:
         images = _list_images(path)
@@ -81,11 +81,11 @@ class ImageFolder(FrameSource):
             if image_size(image) != size:
                 raise ValueError(
                     f"{image} has {_text(image_size(image))} pixels, but the frames before it "
-                    f"have {_text(size)}: all images of a folder must be of one size"
+                    f"have {_text(size)}: all images of a folder must have the same size"
                 )
         self.shape = (*size, 3)
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Image]:
         flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
         for index, path in enumerate(self._images, self.start):
             try:
@@ -123,12 +123,12 @@ class VideoFile(FrameSource):
         rows, columns = frame.shape[:2]
         self.shape = (rows, columns, 3)
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Image]:
         capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         try:
             index = 0
             time = 0.0  # of the last good frame, milliseconds
-            # Decoding up to the start is the one way of seeking that is exact for every codec.
+            # Decoding up to the start is the only way of seeking that is exact for every codec.
             while self._end is None or index < self._end:
                 if not capture.grab():
                     break
@@ -144,12 +144,12 @@ class VideoFile(FrameSource):
             capture.release()
 
     def _check_end(self, index: int, time: float) -> None:
-        """Tell a broken video, which stops at frame `index`, from one that is at its end."""
+        """Raise if the video is broken at frame `index`, where it stops, and not at its end."""
         if self._end is not None and index < self._end:
             expected = self._end
         elif self._end is None and self.total is not None:
-            # With a varying frame rate an estimated count is wrong but the time of the last frame
-            # is not: the video is whole if either of them says so.
+            # With a varying frame rate an estimated count is wrong, but the time of the last frame
+            # is not: the video is complete if either of them says so.
             shown = max(index, round(time / 1000 * self.fps) + 1)
             expected = self.total if self.total - shown > ANNOUNCED_SLACK else index
         else:
@@ -169,13 +169,13 @@ class VideoFile(FrameSource):
 def open_source(path: str | Path, start: int = 0, end: int | None = None) -> FrameSource:
     """Open the frames `start` (inclusive) to `end` (exclusive, None for all) of a folder or video.
 
-    A folder holds images, in natural order (img2 before img10), either itself or in a subfolder
-    `img` (the layout of OTB). Grey images become RGB of equal channels.
+    The images of a folder, in natural order (img2 before img10), are in the folder itself or in its
+    subfolder `img` (the layout of OTB). Grey images become RGB with equal channels.
 
     Raises:
-        ValueError: the file is missing or no video; a folder without images; images that cannot
-            be read or differ in size (checked from `start` to `end`); a range that is empty or
-            reaches beyond the last frame.
+        ValueError: the file is missing or not a video; the folder has no images; images cannot be
+            read or differ in size (checked from `start` to `end`); the range is empty or extends
+            beyond the last frame.
     """
     path = Path(path)
     if not path.exists():
@@ -187,17 +187,17 @@ def open_source(path: str | Path, start: int = 0, end: int | None = None) -> Fra
 
 
 def _list_images(folder: Path) -> list[Path]:
-    """The images of a folder in natural order; ValueError if there is none."""
+    """The images of a folder in natural order; ValueError if there are none."""
     images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
     if not images:
         raise ValueError(f"{folder} holds no images (jpg, png, bmp, tif, webp, ppm or jp2)")
     return sorted(images, key=lambda path: _natural(path.name))
 
 
-def chunks(frames: Iterable[Frame], length: int) -> Iterator[NDArray[np.uint8]]:
-    """Stack frames to [length, H, W, 3]; the last chunk holds what is left.
+def chunks(frames: Iterable[Image], length: int) -> Iterator[NDArray[np.uint8]]:
+    """Stack frames to [length, H, W, 3]; the last chunk may be shorter.
 
-    Where the frames break off with an exception, those before it are yielded first.
+    If reading a frame raises an exception, the frames before it are yielded first.
     """
     stack: NDArray[np.uint8] | None = None
     filled = 0
@@ -208,7 +208,7 @@ def chunks(frames: Iterable[Frame], length: int) -> Iterator[NDArray[np.uint8]]:
             frame = next(rest)
         except StopIteration:
             break
-        except Exception as error:  # whatever it is, it is raised below
+        except Exception as error:  # raised below, after the frames before it
             broken = error
             break
         if stack is None:
@@ -225,14 +225,14 @@ def chunks(frames: Iterable[Frame], length: int) -> Iterator[NDArray[np.uint8]]:
 
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:
-    """The same items, the next of which is made in a thread while the present one is used.
+    """The same items; a thread makes the next one while the current one is used.
 
-    What making one raises comes in its place.
+    An exception that is raised by making an item is raised in its place.
     """
     with ThreadPoolExecutor(1, "dcs_jax.ahead") as thread:
-        coming = thread.submit(next, items, None)
-        while (item := coming.result()) is not None:
-            coming = thread.submit(next, items, None)
+        future = thread.submit(next, items, None)
+        while (item := future.result()) is not None:
+            future = thread.submit(next, items, None)
             yield item
 
 
@@ -247,8 +247,8 @@ def _check_range(path: Path, start: int, end: int | None, length: int | None) ->
 
 
 def _natural(name: str) -> tuple[list[str | int], str]:
-    """Sort key that compares runs of digits as numbers; the name itself decides between equals."""
-    # re.split with a group alternates text and digits, so only like is compared with like.
+    """Sort key that compares runs of digits as numbers, and equal keys by the name itself."""
+    # re.split with a group alternates text and digits, so text is never compared with a number.
     parts = re.split(r"(\d+)", name.lower())
     return [int(part) if part.isdecimal() else part for part in parts], name
 

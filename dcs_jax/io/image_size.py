@@ -1,7 +1,7 @@
-"""What the bytes of an image tell without decoding its pixels: its size, and whether it is whole.
+"""What the bytes of an image say without decoding: its size, and whether the file is complete.
 
-A folder is checked for images of odd size before anything is tracked; decoding them all for that
-would double the time spent on reading.
+The images of a folder are checked for a different size before anything is tracked; decoding them
+all for that would double the time spent on reading.
 """
 
 import struct
@@ -21,7 +21,7 @@ def image_size(path: Path) -> tuple[int, int]:
     """Rows and columns of the image as stored (an EXIF orientation is not applied).
 
     Raises:
-        ValueError: the file is no image that can be read.
+        ValueError: the file cannot be read as an image.
     """
     with path.open("rb") as file:
         head = file.read(24)
@@ -41,7 +41,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
-    """Walk the segments of a JPEG file up to its frame header; struct.error where it ends first."""
+    """Read the segments of a JPEG file up to its frame header; struct.error if it ends before."""
     file.seek(2)
     while True:
         marker, length = struct.unpack(">HH", file.read(4))
@@ -54,19 +54,19 @@ def _jpeg_size(file: BinaryIO) -> tuple[int, int]:
 def is_cut_off(image: bytes) -> bool:
     """Whether the file of a JPEG or PNG image ends before the image does; False for other formats.
 
-    OpenCV decodes a JPEG that is cut off, grey from there on, with no more than a line on stderr;
-    of the other formats it decodes none.
+    OpenCV decodes a JPEG that is cut off, with grey for the rest, and only prints a line on stderr.
+    It refuses such images in the other formats.
     """
     if image.startswith(_PNG):
         return b"IEND" not in image
     if not image.startswith(_JPEG):
         return False
-    # A thumbnail, which is an image of its own, lies in a segment before the first scan. Within
-    # the scans the two bytes of the end cannot occur.
+    # A thumbnail, which is an image itself, is in a segment before the first scan. Within the scans
+    # the two bytes of the end cannot occur.
     start = len(_JPEG)
     while start < len(image) and image[start : start + 2] != _JPEG_SCAN:
         if image[start] != 0xFF:
-            return False  # no segment, nor padding before one: the decoder may know better
+            return False  # neither a segment nor padding before one: left to the decoder
         padding = image[start + 1 : start + 2] == b"\xff"
         start += 1 if padding else 2 + int.from_bytes(image[start + 2 : start + 4])
     return _JPEG_END not in image[start:]

@@ -5,7 +5,6 @@ Frames are uint8 RGB [H, W, 3]. Boxes are x, y, w, h in pixels with pixel (0, 0)
 """
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -29,10 +28,12 @@ def draw_box(
     label: str = "",
     thickness: int | None = None,
 ) -> None:
-    """Draw a box and its label into the frame, by default in proportion to the frame's size.
+    """Draw a box [4] and its label into the frame.
 
-    The line has a dark rim, so that it can be seen on any ground. A box [4] with a NaN, which is an
+    The line has a dark rim, so that it is visible on any background. A box with a NaN, which is an
     unlabelled one, is left out.
+
+    thickness: thickness of the line in pixels, by default in proportion to the frame's size.
     """
     x, y, w, h = np.asarray(box, np.float64)
     if np.isnan([x, y, w, h]).any():
@@ -40,7 +41,7 @@ def draw_box(
     if thickness is None:
         # A thinner line would fall between two rows of pixels and be half as bright.
         thickness = max(2, round(min(frame.shape[:2]) / 240))
-    # OpenCV's coordinates are those of pixel centres. Far outside the frame they would overflow.
+    # OpenCV's coordinates are those of pixel centres; far outside the frame they would overflow.
     corners = np.clip([[x, y], [x + w, y + h]], -(2**14), 2**14) - 0.5
     top_left, bottom_right = ((int(a), int(b)) for a, b in np.rint(corners * 2**_SHIFT))
     rim = thickness + 2 * max(1, thickness // 2)
@@ -53,7 +54,7 @@ def draw_box(
 def _draw_label(
     frame: NDArray[np.uint8], x: float, y: float, h: float, label: str, colour: Colour
 ) -> None:
-    """A filled tag above the box, or below it where there is no room, always within the frame."""
+    """A filled tag above the box, or below it if there is no room, always within the frame."""
     rows, columns = frame.shape[:2]
     size = max(11, round(min(rows, columns) / 36))
     pad = max(2, size // 4)
@@ -70,18 +71,21 @@ def _draw_label(
 def draw_track(
     frame: NDArray[np.uint8], box: ArrayLike, confidence: float, truth: ArrayLike | None = None
 ) -> NDArray[np.uint8]:
-    """A copy of the frame with the tracked box, its confidence and, where given, the true box."""
+    """A copy of the frame with the tracked box, its confidence and, if given, the true box.
+
+    confidence: in [0, 1], NaN for none.
+    """
     frame = frame.copy()
     if truth is not None:
         draw_box(frame, truth, TRUTH)
-    draw_box(frame, box, TRACKED, f"{confidence:.2f}")
+    draw_box(frame, box, TRACKED, "" if np.isnan(confidence) else f"{confidence:.2f}")
     return frame
 
 
 class VideoWriter:
     """Writes frames to a video file. A context manager.
 
-    The codec follows the name: MPEG-4 in .mp4, .m4v and .mov, Motion JPEG in .avi. Both are in
+    The codec follows the suffix: MPEG-4 in .mp4, .m4v and .mov, Motion JPEG in .avi. Both are in
     every OpenCV wheel; H.264 is not. They need even sides: a last odd row or column is cut off.
     """
 
@@ -89,7 +93,7 @@ class VideoWriter:
         """Open the file for frames of `shape` (H, W, 3).
 
         Raises:
-            ValueError: another ending than those above, or the file cannot be written.
+            ValueError: the suffix is none of those above, or the file cannot be written.
         """
         path = Path(path)
         codec = CODECS.get(path.suffix.lower())
@@ -110,10 +114,5 @@ class VideoWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._writer.release()

@@ -1,8 +1,9 @@
 """Many targets in many videos, on one machine or on a Ray cluster: `dcs-jax batch`.
 
-manifest.py  what to track: one row a video and target
-video.py     one video: a first look, then all its targets, through targets.py and shared.py
-engines.py   where the work is done, and again where it fails: local.py, cluster.py
+manifest.py  what to track: one row per video and target
+video.py     one video: checked, then all its targets tracked in one pass
+shared.py    the frames of a video, decoded once for all its targets
+engines.py   where the work is done, and done again where it fails
 results.py   what is finished, on disk
 run.py       all of it: `run_batch`
 """

@@ -1,7 +1,7 @@
-"""The list of what to track: a CSV with one row a video and target.
+"""The list of what to track: a CSV file with one row per video and target.
 
-Columns, in any order: `source`; `box` (x,y,w,h in pixels, in one cell) or `x`, `y`, `w`, `h`; and,
-where wanted, `start`, `end` and `id`.
+Columns, in any order: `source`; `box` (x,y,w,h in pixels, in one cell) or `x`, `y`, `w`, `h`; and
+optionally `start`, `end` and `id`.
 """
 
 import csv
@@ -21,10 +21,11 @@ OPTIONAL = ("start", "end", "id")
 class Target(NamedTuple):
     """One object in one video.
 
-    id: names it in the results; no two targets have the same.
-    source: a video file or a folder of images.
+    id: name in the results, different for every target.
+    source: video file or folder of images.
     box: x, y, w, h in pixels, in the frame `start`.
-    start: its first frame, counted from 0. end: the frame to stop before, None for all frames.
+    start: index of the first frame, counted from 0.
+    end: index of the frame to stop before, None for all frames.
     """
 
     id: str
@@ -35,7 +36,7 @@ class Target(NamedTuple):
 
 
 class Video(NamedTuple):
-    """All targets of one source: what is decoded once, and finished or failed as one."""
+    """All targets of one source, which is decoded once, and finished or failed as a whole."""
 
     source: str
     targets: tuple[Target, ...]
@@ -44,13 +45,13 @@ class Video(NamedTuple):
 def read_manifest(path: str | Path) -> list[Target]:
     """The targets of a manifest, in its order.
 
-    A source that is no absolute path is taken from the folder of the manifest. An `id` that is
-    left out is the number of the row, counted from 1.
+    A `source` that is not an absolute path is relative to the folder of the manifest. An `id` that
+    is left out is the number of the row, counted from 1.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: a column is missing, unknown or there twice, there are no rows, a cell is not
-            what its column holds, or an id is there twice. The message names line and column.
+        ValueError: a column is missing, unknown or duplicate, there are no rows, a cell is not what
+            its column holds, or an id is a duplicate. The message names line and column.
     """
     path = Path(path)
     targets: list[Target] = []
@@ -76,18 +77,20 @@ def read_manifest(path: str | Path) -> list[Target]:
                 lines[target.id] = line
                 targets.append(target)
         except (csv.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{path}, line {table.line_num} is no CSV in UTF-8: {error}") from None
+            raise ValueError(
+                f"{path}, line {table.line_num} is not CSV in UTF-8: {error}"
+            ) from None
     if not targets:
-        raise ValueError(f"{path} has no rows: expected one row a video and target")
+        raise ValueError(f"{path} has no rows: expected one row per video and target")
     return targets
 
 
 def group_by_video(targets: Iterable[Target]) -> list[Video]:
-    """The targets of each source together, sources and targets in the order given."""
+    """The targets of each source together; sources and targets keep their order."""
     videos: dict[str, list[Target]] = {}
     for target in targets:
         videos.setdefault(target.source, []).append(target)
-    return [Video(source, tuple(found)) for source, found in videos.items()]
+    return [Video(source, tuple(members)) for source, members in videos.items()]
 
 
 def _check_header(path: Path, header: list[str]) -> None:
@@ -104,7 +107,7 @@ def _check_header(path: Path, header: list[str]) -> None:
 
 
 class _Row:
-    """The cells of a line by their columns, and where they stand."""
+    """The cells of a line by column, with file and line for error messages."""
 
     def __init__(self, path: Path, line: int, cells: dict[str, str]) -> None:
         self._path, self._line, self._cells = path, line, cells
@@ -119,7 +122,7 @@ class _Row:
         """The target of row `number`."""
         if not self._cells["source"]:
             raise self.wrong("source", "a video file or a folder of images")
-        # Not resolved: a link keeps its name, and a million rows ask nothing of the disk.
+        # Not resolved: a link keeps its name, and a million rows need no access to the disk.
         source = os.path.normpath(self._path.parent.absolute() / self._cells["source"])
         start = self._count("start", 0) or 0
         end = self._count("end", start + 1)

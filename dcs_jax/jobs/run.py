@@ -1,4 +1,4 @@
-"""A whole batch: what is finished is skipped, the rest looked at, sorted, tracked and written."""
+"""A whole batch: skips what is finished, then checks, sorts, tracks and writes the rest."""
 
 import functools
 import itertools
@@ -9,29 +9,29 @@ from typing import Any, Literal, NamedTuple
 
 from dcs_jax.checks import check_choice, check_count
 from dcs_jax.config import Config
-from dcs_jax.jobs.cluster import RayEngine
-from dcs_jax.jobs.engines import Advance, Engine, Outcome
-from dcs_jax.jobs.local import LocalEngine
+from dcs_jax.jobs.engines import Engine, LocalEngine, OnFrames, RayEngine, WorkResult
 from dcs_jax.jobs.manifest import Target, Video, group_by_video, read_manifest
-from dcs_jax.jobs.results import Results
-from dcs_jax.jobs.video import Look, look_at, track_video
+from dcs_jax.jobs.results import BatchFolder
+from dcs_jax.jobs.video import CheckedVideo, check_video, track_video
 
 EngineName = Literal["local", "ray"]
 ENGINES: dict[str, Callable[[int | None], Engine]] = {"local": LocalEngine, "ray": RayEngine}
 RETRIES = 2
-LOOKS_A_BATCH = 64  # opening a video takes some milliseconds
-BATCHES_A_WORKER = 4
+CHECKS_PER_BATCH = 64  # opening a video takes some milliseconds
+BATCHES_PER_WORKER = 4
 
 
 class Batch(NamedTuple):
     """What a batch did.
 
-    out: the folder of the results (see `dcs_jax.jobs.results`).
-    finished: of every finished target, in the order of the manifest, the file with its boxes,
-        relative to `out`. failed: of every other that was tried, the reason.
-    videos, reused: the number of videos, and of those that were finished before.
-    retried: how many times a video was tried again.
-    interrupted: whether it ended by Ctrl-C before all was done.
+    out: folder of the results (see `dcs_jax.jobs.results`).
+    finished: by id, in the order of the manifest, the file with the target's boxes, relative to
+        `out`.
+    failed: by id, in the same order, why a target that was tried has no boxes.
+    videos: number of videos.
+    reused: number of videos that were finished before.
+    retried: number of times that a video was tried again.
+    interrupted: whether Ctrl-C ended it before all was done.
     """
 
     out: Path
@@ -44,17 +44,22 @@ class Batch(NamedTuple):
 
 
 class BatchWatch:
-    """Is told how a batch goes on; this one does nothing with it."""
+    """Receives the progress of a batch; this one ignores it."""
 
     def planned(self, work: int, reused: int, stale: int, videos: int) -> None:
-        """Before the first video is tracked.
+        """Called before the first video is tracked.
 
-        work: frames to track, summed over the targets. reused, stale, videos: the number of videos
-        that were finished before, of those that are made anew, and of all.
+        work: number of frames to track, summed over the targets.
+        reused: number of videos that were finished before.
+        stale: number of videos whose earlier results are replaced.
+        videos: number of all videos.
         """
 
     def advance(self, work: int) -> None:
-        """After each chunk of frames; a negative number where a video has to be tried again."""
+        """Called after each chunk of frames.
+
+        work: number of frames tracked; negative where a video has to be tried again.
+        """
 
 
 def run_batch(
@@ -70,24 +75,24 @@ def run_batch(
 ) -> Batch:
     """Track every target of a manifest and write its boxes; a video that is finished is skipped.
 
-    The boxes are those of `dcs-jax track` with the same settings and seed. A video's targets are
-    tracked while it is decoded once, and written together, or not at all. Where a video or a target
-    cannot be tracked, the rest goes on.
+    The boxes are those of `dcs-jax track` with the same settings and seed. A video is decoded once
+    for all its targets, and their boxes are written together or not at all. A video or a target
+    that cannot be tracked does not stop the others.
 
     Args:
         manifest: a CSV (see `read_manifest`), or targets.
-        out: folder of the results, made where it is missing. It is for one manifest, which may
-            grow and change: a video of which a row, the settings or the file is another than
-            before is tracked anew, and its new results take the place of the old ones.
+        out: folder of the results, made if it is missing. It belongs to one manifest, which may
+            grow and change: where a row of a video, the settings or the file has changed, the video
+            is tracked again, and its new results replace the old ones.
         config: settings.
-        seed: of the features, the same for all targets.
+        seed: seed of the features, the same for all targets.
         engine: "local" for this machine, "ray" for a Ray cluster (see `RayEngine`).
-        workers: videos (with Ray: tasks) at once, by default one a core.
-        retries: how often a video that fails is tried again.
-        watch: is told of the progress.
+        workers: number of videos (with Ray: tasks) at once, by default one per core.
+        retries: number of times that a video that fails is tried again.
+        watch: receives the progress.
 
     Returns:
-        What is finished and what has failed. Ctrl-C ends the run and is noted there, not raised.
+        What is finished and what has failed. Ctrl-C ends the run and is reported there, not raised.
 
     Raises:
         ValueError: the manifest is not as expected, two targets have one id, or Ray is missing.
@@ -102,37 +107,37 @@ def run_batch(
         if target.id in ids:
             raise ValueError(f"the id {target.id!r} is there twice: every target needs its own")
         ids.add(target.id)
-    work = _Work(targets, Results(out, config, seed), watch or BatchWatch())
+    run = _BatchRun(targets, BatchFolder(out, config, seed), watch or BatchWatch())
     track = functools.partial(track_video, config=config, seed=seed)
     try:
-        work.sort_out()
-        if work.pending:
+        run.skip_finished()
+        if run.pending:
             with ENGINES[engine](workers) as entered:
-                work.look(entered, retries)
-                work.track(entered, retries, track)
+                run.check(entered, retries)
+                run.track(entered, retries, track)
         interrupted = False
     except KeyboardInterrupt:
         interrupted = True
-    work.write_tables()
-    return work.batch(interrupted)
+    run.write_tables()
+    return run.batch(interrupted)
 
 
-class _Work:
-    """What there is to do, and what has become of it."""
+class _BatchRun:
+    """What is left to do, and what has become of the rest."""
 
-    def __init__(self, targets: list[Target], results: Results, watch: BatchWatch) -> None:
-        self._targets, self._results, self._watch = targets, results, watch
+    def __init__(self, targets: list[Target], folder: BatchFolder, watch: BatchWatch) -> None:
+        self._targets, self._folder, self._watch = targets, folder, watch
         self._videos = group_by_video(targets)
         self.pending: list[Video] = []
-        self._looks: list[Look] = []
+        self._checked: list[CheckedVideo] = []
         self._files: dict[str, str] = {}
         self._reasons: dict[str, str] = {}
         self._reused = self._retried = 0
 
-    def sort_out(self) -> None:
-        """Skip what is finished, and say so in the index before anything is replaced."""
+    def skip_finished(self) -> None:
+        """Skip the finished videos, and list them in the index before anything is replaced."""
         for video in self._videos:
-            if self._results.has(video):
+            if self._folder.has(video):
                 self._reuse(video)
             else:
                 self.pending.append(video)
@@ -140,36 +145,36 @@ class _Work:
             self._watch.planned(0, self._reused, 0, len(self._videos))
         self.write_tables()
 
-    def look(self, engine: Engine, retries: int) -> None:
+    def check(self, engine: Engine, retries: int) -> None:
         """Open every video that is not finished, and set aside what cannot be tracked."""
-        size = min(LOOKS_A_BATCH, engine.batch_frames)
+        size = min(CHECKS_PER_BATCH, engine.batch_frames)
         batches = (self.pending[n : n + size] for n in range(0, len(self.pending), size))
-        for outcome in self._outcomes(engine, _look, batches, retries):
-            look = outcome.value
-            self._reasons.update(look.reasons)
-            if look.reasons and self._results.has(look.video):
+        for result in self._results(engine, _check, batches, retries):
+            checked = result.value
+            self._reasons.update(checked.reasons)
+            if checked.reasons and self._folder.has(checked.video):
                 # An earlier run had to leave out the same targets.
-                self._reuse(look.video)
+                self._reuse(checked.video)
             else:
-                self._looks.append(look)
+                self._checked.append(checked)
 
     def track(self, engine: Engine, retries: int, track: Callable[..., Any]) -> None:
-        """Track what has been looked at, and write every video as it is done."""
-        stale = sum(self._results.has_other(look.video) for look in self._looks)
-        work = sum(look.work for look in self._looks)
+        """Track the checked videos, and write every video as it is done."""
+        stale = sum(self._folder.has_other(checked.video) for checked in self._checked)
+        work = sum(checked.work for checked in self._checked)
         self._watch.planned(work, self._reused, stale, len(self._videos))
-        # As large as pays, but where there is little work, every worker should have its share.
-        size = min(engine.batch_frames, work // (BATCHES_A_WORKER * engine.workers))
-        batches = _batches(self._looks, size)
-        for outcome in self._outcomes(engine, track, batches, retries, self._watch.advance):
-            self._results.write(outcome.video, outcome.value)
-            self._finish(outcome.video)
+        # As large as pays, but if there is little work, every worker should have its share.
+        size = min(engine.batch_frames, work // (BATCHES_PER_WORKER * engine.workers))
+        batches = _batches(self._checked, size)
+        for result in self._results(engine, track, batches, retries, self._watch.advance):
+            self._folder.write(result.video, result.value)
+            self._finish(result.video)
 
     def write_tables(self) -> None:
         """Write the index, and the list of what has failed."""
         known = self._targets
-        self._results.write_index((t, self._files[t.id]) for t in known if t.id in self._files)
-        self._results.write_failed((t, self._reasons[t.id]) for t in known if t.id in self._reasons)
+        self._folder.write_index((t, self._files[t.id]) for t in known if t.id in self._files)
+        self._folder.write_failed((t, self._reasons[t.id]) for t in known if t.id in self._reasons)
 
     def batch(self, interrupted: bool) -> Batch:
         """What was done, in the order of the manifest."""
@@ -177,7 +182,7 @@ class _Work:
             {target.id: of[target.id] for target in self._targets if target.id in of}
             for of in (self._files, self._reasons)
         )
-        videos, out = len(self._videos), self._results.folder
+        videos, out = len(self._videos), self._folder.path
         return Batch(out, finished, failed, videos, self._reused, self._retried, interrupted)
 
     def _reuse(self, video: Video) -> None:
@@ -185,51 +190,52 @@ class _Work:
         self._finish(video)
 
     def _finish(self, video: Video) -> None:
-        name = self._results.file_of(video)
+        name = self._folder.file_of(video)
         self._files.update((target.id, name) for target in video.targets)
 
-    def _outcomes(
+    def _results(
         self,
         engine: Engine,
         work: Callable[..., Any],
         batches: Iterable[list[Video]],
         retries: int,
-        advance: Advance = lambda frames: None,
-    ) -> Iterator[Outcome]:
-        """The outcomes that have a value; the reasons of the others are kept."""
+        on_frames: OnFrames = lambda frames: None,
+    ) -> Iterator[WorkResult]:
+        """The results that have a value; the reasons of the others are kept."""
 
         def count(video: Video, reason: str) -> None:
             self._retried += 1
 
         # Closed, so that Ctrl-C stops the engine wherever it meets this process.
-        run = engine.run(work, batches, retries=retries, advance=advance, retrying=count)
-        with closing(run) as outcomes:
-            for outcome in outcomes:
-                if outcome.reason is None:
-                    yield outcome
+        run = engine.run(work, batches, retries=retries, on_frames=on_frames, on_retry=count)
+        with closing(run) as results:
+            for result in results:
+                if result.reason is None:
+                    yield result
                 else:
-                    reasons = {target.id: outcome.reason for target in outcome.video.targets}
+                    reasons = {target.id: result.reason for target in result.video.targets}
                     self._reasons.update(reasons)
 
 
-def _look(video: Video, advance: Advance) -> Look:
-    return look_at(video)
+def _check(video: Video, on_frames: OnFrames) -> CheckedVideo:
+    return check_video(video)
 
 
-def _batches(looks: list[Look], frames: int) -> Iterator[list[Video]]:
-    """Batches of videos of like frames, each of this many frames to track if there are as many.
+def _batches(videos: list[CheckedVideo], frames: int) -> Iterator[list[Video]]:
+    """Batches of videos of one shape, each with this many frames to track if there are as many.
 
-    Videos of one shape follow each other, so that a worker rarely meets another one, and the
-    longest come first, so that none is left to one worker at the end.
+    Videos of one shape follow each other, so that a worker seldom compiles for a new one. The
+    longest come first, so that no worker is left with a long one at the end.
     """
-    for _, alike in itertools.groupby(
-        sorted(looks, key=lambda look: (look.shape, -look.work)), key=lambda look: look.shape
+    for _, of_one_shape in itertools.groupby(
+        sorted(videos, key=lambda checked: (checked.shape, -checked.work)),
+        key=lambda checked: checked.shape,
     ):
         batch: list[Video] = []
         work = 0
-        for look in alike:
-            batch.append(look.video)
-            work += look.work
+        for checked in of_one_shape:
+            batch.append(checked.video)
+            work += checked.work
             if work >= frames:
                 yield batch
                 batch, work = [], 0

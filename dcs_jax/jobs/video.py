@@ -1,8 +1,8 @@
-"""One video of a batch: a first look, then all its targets in one pass over its frames."""
+"""One video of a batch: checked first, then all its targets tracked in one pass over its frames."""
 
 import heapq
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box
 from dcs_jax.config import Config
-from dcs_jax.io.frames import FrameSource, open_source
+from dcs_jax.io.frames import FrameSource, Image, open_source
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.shared import SharedFrames
-from dcs_jax.jobs.targets import Chunk, slots_for, track_targets
+from dcs_jax.runners.stream import Chunk, track_stream
 
 
-class Look(NamedTuple):
+class CheckedVideo(NamedTuple):
     """What is known of a video before anything is tracked.
 
     shape: (H, W, 3) of its frames.
-    video: with the targets that can be tracked. reasons: by id, why the others cannot.
-    work: frames to track, summed over the targets; one for each target in a video that does not
-        announce its length.
+    video: the video with the targets that can be tracked.
+    reasons: by id, why the other targets cannot.
+    work: number of frames to track, summed over the targets; a target in a video that does not
+        announce its length counts as one frame.
     """
 
     shape: tuple[int, int, int]
@@ -32,20 +33,21 @@ class Look(NamedTuple):
     work: int
 
 
-class Found(NamedTuple):
-    """Where one target was in its n frames.
+class TargetTrack(NamedTuple):
+    """The track of one target in n frames.
 
-    boxes: [n, 4] float32, x, y, w, h in pixels. confidence: [n] float32 in [0, 1].
+    boxes: [n, 4] float32, x, y, w, h in pixels.
+    confidence: [n] float32 in [0, 1]; NaN without verification.
     """
 
     boxes: NDArray[np.float32]
     confidence: NDArray[np.float32]
 
 
-def look_at(video: Video) -> Look:
+def check_video(video: Video) -> CheckedVideo:
     """Open a video, and check the range and box of every target against it.
 
-    Raises ValueError where not one of them can be tracked, with the reason for the first.
+    Raises ValueError if none of the targets can be tracked, with the reason for the first.
     """
     opened: dict[tuple[int, int | None], FrameSource | ValueError] = {}
     good: list[Target] = []
@@ -67,7 +69,7 @@ def look_at(video: Video) -> Look:
         shape, work = frames.shape, work + (frames.length or 1)
     if not good:
         raise ValueError(reasons[video.targets[0].id])
-    return Look(shape, Video(video.source, tuple(good)), reasons, work)
+    return CheckedVideo(shape, Video(video.source, tuple(good)), reasons, work)
 
 
 def _open(source: str, start: int, end: int | None) -> FrameSource | ValueError:
@@ -78,14 +80,14 @@ def _open(source: str, start: int, end: int | None) -> FrameSource | ValueError:
 
 
 def track_video(
-    video: Video, advance: Callable[[int], None], *, config: Config, seed: int
-) -> list[Found]:
-    """Track all targets of a video, which is decoded once: what was found, in their order.
+    video: Video, on_frames: Callable[[int], None], *, config: Config, seed: int
+) -> list[TargetTrack]:
+    """Track all targets of a video, which is decoded once: their tracks, in the same order.
 
-    Targets of the same range are tracked together. Memory holds a few chunks of frames, and 20
-    bytes of results for each frame of each target.
+    Targets of one range are tracked together. Memory holds a few chunks of frames, and 20 bytes of
+    results for each frame of each target.
 
-    advance: is told the number of frames tracked, summed over the targets, after each chunk.
+    on_frames: called with the number of frames tracked, summed over the targets, after each chunk.
 
     Raises:
         BrokenSource: the video breaks off before all targets are at their ends.
@@ -95,57 +97,50 @@ def track_video(
     end = None if None in ends else max(end for end in ends if end is not None)
     source = open_source(video.source, min(target.start for target in video.targets), end)
     frames = SharedFrames(source)
-    groups: dict[Any, _Group] = {}
-    for place, target in enumerate(video.targets):
+    groups: dict[Any, list[int]] = {}  # indices of the targets that are tracked together
+    for index, target in enumerate(video.targets):
         check_box(target.box, source.shape)
-        resolved = config.resolve(target.box)
         # Not by the settings themselves, whose numbers may be arrays: only shapes can differ.
-        kind = target.start, target.end, jax.tree.structure(resolved)
-        groups.setdefault(kind, _Group(target, resolved, [], [])).add(place, target)
-    found: list[list[Chunk]] = [[] for _ in video.targets]
-    chunks = [group.track(frames, source.shape, seed) for group in groups.values()]
-    # The group that is furthest behind goes on, so that few frames are kept for it.
-    turns = [(group.first.start, n) for n, group in enumerate(groups.values())]
+        kind = target.start, target.end, jax.tree.structure(config.resolve(target.box))
+        groups.setdefault(kind, []).append(index)
+    members = list(groups.values())
+    streams = [
+        _track_group(frames, source.shape, [video.targets[index] for index in group], config, seed)
+        for group in members
+    ]
+    parts: list[list[TargetTrack]] = [[] for _ in video.targets]
+    # The group that is furthest behind is tracked next, so that few frames are kept for it.
+    turns = [(video.targets[group[0]].start, n) for n, group in enumerate(members)]
     heapq.heapify(turns)
-    members = [group.places for group in groups.values()]
     while turns:
-        at, n = heapq.heappop(turns)
-        chunk = next(chunks[n], None)
+        start, n = heapq.heappop(turns)
+        chunk = next(streams[n], None)
         if chunk is None:
             continue
-        for place, boxes, confidence in zip(members[n], *chunk, strict=True):
-            found[place].append(Chunk(boxes, confidence))
-        advance(chunk.confidence.size)
-        heapq.heappush(turns, (at + chunk.confidence.shape[1], n))
-    return [
-        Found(
-            np.concatenate([chunk.boxes for chunk in pieces]),
-            np.concatenate([chunk.confidence for chunk in pieces]),
-        )
-        for pieces in found
-    ]
+        boxes, confidence = map(np.asarray, (chunk.track.boxes, chunk.track.confidence))
+        for slot, index in enumerate(members[n]):
+            parts[index].append(TargetTrack(boxes[slot], confidence[slot]))
+        on_frames(len(members[n]) * len(chunk.frames))
+        heapq.heappush(turns, (start + len(chunk.frames), n))
+    return [TargetTrack(*map(np.concatenate, zip(*track, strict=True))) for track in parts]
 
 
-class _Group(NamedTuple):
-    """Targets of one range and one program: places in the video's targets, and their boxes."""
+def _track_group(
+    frames: SharedFrames,
+    shape: tuple[int, int, int],
+    targets: list[Target],
+    config: Config,
+    seed: int,
+) -> Iterator[Chunk]:
+    """Track targets of one range and one program; the track of target n is in slot n.
 
-    first: Target
-    config: Config
-    places: list[int]
-    boxes: list[tuple[float, ...]]
-
-    def add(self, place: int, target: Target) -> None:
-        self.places.append(place)
-        self.boxes.append(target.box)
-
-    def track(
-        self, frames: SharedFrames, shape: tuple[int, int, int], seed: int
-    ) -> Iterator[Chunk]:
-        """The chunks of the group; its reader is made now, and read as they are taken."""
-        reader = frames.reader(self.first.start, self.first.end)
-        boxes = np.asarray(self.boxes, np.float32)
-        _compile_once(shape, boxes, self.config)
-        return track_targets(reader, boxes, jax.random.key(seed), self.config)
+    Their reader is made now, and read as the chunks are taken.
+    """
+    reader = frames.reader(targets[0].start, targets[0].end)
+    boxes = np.array([target.box for target in targets], np.float32)
+    config = config.resolve(targets[0].box)
+    _compile_once(shape, boxes, config)
+    return _track(reader, boxes, jax.random.key(seed), config)
 
 
 _compiled: set[Any] = set()
@@ -155,12 +150,27 @@ _compiling = threading.Lock()
 def _compile_once(shape: tuple[int, int, int], boxes: NDArray[np.float32], config: Config) -> None:
     """Compile the programs for frames of this shape, unless it has been done.
 
-    Threads that start on like videos would otherwise all compile the same programs at once.
+    Threads that start on similar videos would otherwise compile the same programs at once.
     """
-    kind = shape, jax.tree.structure(config), slots_for(len(boxes))
+    kind = shape, jax.tree.structure(config), _num_slots(len(boxes))
     with _compiling:
         if kind not in _compiled:
             blank = np.zeros((2, *shape), np.uint8)
-            for _ in track_targets(blank, boxes, jax.random.key(0), config):
+            for _ in _track(blank, boxes, jax.random.key(0), config):
                 pass
             _compiled.add(kind)
+
+
+def _track(
+    frames: Iterable[Image], boxes: NDArray[np.float32], key: jax.Array, config: Config
+) -> Iterator[Chunk]:
+    """`track_stream`, but the first frame is read with the first chunk, not with the call."""
+    yield from track_stream(frames, boxes, key, config, slots=_num_slots(len(boxes)))
+
+
+def _num_slots(count: int) -> int:
+    """A power of two for so many targets, so that few programs serve videos with any number.
+
+    An empty slot takes no time.
+    """
+    return 1 << (count - 1).bit_length()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
 from dcs_jax.config import Config, resolve_all
-from dcs_jax.io.frames import Frame, ahead, chunks
+from dcs_jax.io.frames import Image, ahead, chunks
 from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
 
@@ -39,8 +39,8 @@ class Stream(Iterator[Chunk]):
 
     def __init__(
         self,
-        frames: Iterable[Frame],
-        first: Frame,
+        frames: Iterable[Image],
+        first: Image,
         boxes: NDArray[np.float32],
         slots: Slots,
         config: Config,
@@ -119,7 +119,7 @@ class Stream(Iterator[Chunk]):
         self._active[slot] = self._new[slot] = False
         self._keys.pop(slot, None)
 
-    def _scan(self, frames: Iterable[Frame]) -> Generator[Chunk]:
+    def _scan(self, frames: Iterable[Image]) -> Generator[Chunk]:
         first = self._last
         yield self._chunk(0, first[None], self._init())
         start = 1
@@ -145,7 +145,7 @@ class Stream(Iterator[Chunk]):
 
 
 def track_stream(
-    frames: Iterable[Frame],
+    frames: Iterable[Image],
     boxes: BoxLike | Sequence[BoxLike],
     keys: jax.Array | None = None,
     config: Config = Config(),
@@ -199,7 +199,7 @@ def track_stream(
     return Stream(_same_shape(source, first), first, boxes, tracks, config)
 
 
-def _same_shape(frames: Iterable[Frame], first: Frame) -> Iterator[Frame]:
+def _same_shape(frames: Iterable[Image], first: Image) -> Iterator[Image]:
     """The frames; ValueError at one of another shape than the first."""
     for number, frame in enumerate(frames, 1):
         check_frame(frame)

@@ -17,7 +17,7 @@ from dcs_jax.evaluation.metrics import PRECISION_AT
 from dcs_jax.evaluation.report import plots
 from dcs_jax.evaluation.report.strips import Picture, film_strip
 from dcs_jax.evaluation.results import PICTURES
-from dcs_jax.evaluation.statistics import Spread, ranks
+from dcs_jax.evaluation.statistics import FEWEST_SEEDS, Spread, ranks
 from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
 from dcs_jax.io.files import atomic
 
@@ -111,6 +111,7 @@ def write_page(summary: Summary, path: str | Path) -> Path:
             _by_sequence(summary, "Centre error", "centre_error", 1, True),
             _by_sequence(summary, "Success rate", "success_rate", 2, False),
         ],
+        fewest_seeds=FEWEST_SEEDS,
         comparisons=[c for c in summary.paired if c.sequence == ""],
         scenes=[_scene(summary, sequence) for sequence in summary.sequences],
         significant=SIGNIFICANT,

@@ -1,6 +1,5 @@
 """The numbers of a summary as files: results.csv, summary.json, summary.md."""
 
-import csv
 import json
 import math
 from collections.abc import Sequence
@@ -10,26 +9,26 @@ from typing import Any
 import numpy as np
 
 from dcs_jax.evaluation.metrics import Scores
-from dcs_jax.evaluation.statistics import Spread, ranks
-from dcs_jax.evaluation.summary import Summary, mean_published, published_columns
-from dcs_jax.io.files import atomic
+from dcs_jax.evaluation.statistics import Spread, WelchTest, ranks
+from dcs_jax.evaluation.summary import Row, Summary, mean_published, published_columns
+from dcs_jax.io.files import atomic, write_table
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
     """Write results.csv (one row a run), summary.json and summary.md into the folder."""
-    with atomic(folder / "results.csv", text=True) as file:
-        table = csv.writer(file, lineterminator="\n")
-        ends = ("losses_at", "frames", "frames_per_second")
-        table.writerow(["sequence", "setting", "start", "seed", *Scores._fields, *ends])
-        for row in summary.rows:
-            numbers = [f"{value:.6g}" for value in row.scores]
-            places = " ".join(map(str, row.lost_at))
-            rate = f"{row.frames_per_second:.1f}"
-            table.writerow([*row[:4], *numbers, places, row.frames, rate])
+    ends = ("losses_at", "frames", "frames_per_second")
+    header = ("sequence", "setting", "start", "seed", *Scores._fields, *ends)
+    write_table(folder / "results.csv", header, map(_run_cells, summary.rows))
     with atomic(folder / "summary.json", text=True) as file:
         json.dump(_plain(as_dict(summary)), file, indent=1)
     with atomic(folder / "summary.md", text=True) as file:
         file.write(as_markdown(summary))
+
+
+def _run_cells(row: Row) -> list[Any]:
+    numbers = [f"{value:.6g}" for value in row.scores]
+    lost_at = " ".join(map(str, row.lost_at))
+    return [*row[:4], *numbers, lost_at, row.frames, f"{row.frames_per_second:.1f}"]
 
 
 def as_dict(summary: Summary) -> dict[str, Any]:
@@ -75,7 +74,7 @@ def as_dict(summary: Summary) -> dict[str, Any]:
                 "setting": a.setting,
                 "ours": a.ours._asdict(),
                 "published": a.published._asdict(),
-                **a.test._asdict(),
+                **(a.test._asdict() if a.test else dict.fromkeys(WelchTest._fields)),
             }
             for a in summary.agreement
         ],
