@@ -4,9 +4,10 @@
 
 Tracks under JAX's profiler, and adds up the times of XLA's operations by stage: the outermost
 `jax.named_scope` of the tracker around an operation. The profiler adds some tenths of a microsecond
-to each operation, so a stage of many small ones takes less than it says, and what XLA fuses across
-stages counts for the last one. Below the table are the sum and the time of a step without the
-profiler. SEQUENCE is the folder of a sequence; without it a rendered clip is tracked.
+to each operation, which doubles a stage of many small ones. As the fastest operations take a few
+nanoseconds, their time is what the profiler adds, and is taken off all. What XLA fuses across
+stages counts for the last one. The sum should be near the time of a step without the profiler,
+which is printed too. SEQUENCE is the folder of a sequence; without it a rendered clip is tracked.
 """
 
 import argparse
@@ -116,13 +117,16 @@ def by_stage(
     """Seconds and number of operations of each stage, the longest first.
 
     times: seconds of each run of an operation, by its name. An operation counts its median as often
-        as it was run: a single time may hold the turn of another process.
+        as it was run, since a single time may hold the turn of another process, less the least
+        median, which is what the profiler adds.
     """
+    medians = {name: statistics.median(times[name]) for name in times.keys() & stages.keys()}
+    added = min(medians.values())
     spent: dict[str, tuple[float, int]] = {}
-    for name in times.keys() & stages.keys():
+    for name, median in medians.items():
         seconds, count = spent.get(stages[name], (0.0, 0))
         runs = len(times[name])
-        spent[stages[name]] = seconds + statistics.median(times[name]) * runs, count + runs
+        spent[stages[name]] = seconds + (median - added) * runs, count + runs
     return dict(sorted(spent.items(), key=operator.itemgetter(1), reverse=True))
 
 

@@ -60,14 +60,14 @@ def test_operations_have_the_stage_of_their_scope_or_loop():
     spent = profile_step.by_stage(
         profile_step.traced(functools.partial(compiled, jnp.ones((8, 8)))), stages
     )
-    assert all(seconds > 0 for seconds, _ in spent.values())
+    assert all(seconds >= 0 for seconds, _ in spent.values())
     assert spent["loop"][1] >= 3
 
 
-def test_operations_count_their_median():
-    times = {"a": [1.0, 1.0, 7.0], "b": [2.0], "a loop": [10.0], "end: a": [1.0]}
-    stages = {"a": "peak", "b": "peak", "never run": "window"}
-    assert profile_step.by_stage(times, stages) == {"peak": (5.0, 4)}
+def test_operations_count_their_median_less_what_the_profiler_adds():
+    times = {"a": [1.0, 1.0, 7.0], "b": [2.0], "c": [0.5, 0.5], "a loop": [0.1], "end: a": [0.1]}
+    stages = {"a": "peak", "b": "peak", "c": "window", "never run": "scale"}
+    assert profile_step.by_stage(times, stages) == {"peak": (3.0, 4), "window": (0.0, 2)}
 
 
 def test_ablation_of_the_default():
