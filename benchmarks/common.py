@@ -141,7 +141,7 @@ class Worker:
 
 
 def fresh(*arguments: Any, cache: str | None = None) -> Any:
-    """The first answer of a new process. cache: for its compiled programs, by default this process's."""
+    """The first answer of a new process; cache: of compiled programs, by default this one's."""
     kept = cache or jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     environment = {
         "JAX_COMPILATION_CACHE_DIR": kept,
