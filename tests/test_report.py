@@ -46,7 +46,7 @@ def evaluation(tmp_path_factory):
         folder / "out",
         settings={"paper": Config(parts=5, **SMALL), "<b>&one": Config(parts=1, **SMALL)},
         seeds=FEWEST_SEEDS,
-        peers=["MIL"],
+        baselines=["MIL"],
         published=folder / "published",
     )
 
