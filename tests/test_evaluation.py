@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from typing import Any
 
 import jax
 import numpy as np
@@ -189,6 +190,7 @@ def test_published_results_go_by_the_papers_names(done):
 def test_few_seeds_have_no_verdict_on_published_runs(done, tmp_path):
     result, _ = done
     record = Results(result.out).find("Deer", "paper", "ope")
+    assert record is not None
     few = Results(tmp_path)
     few.write(record._replace(seeds=record.seeds[:-1], boxes=record.boxes[:-1]))
     few.write_published(result.summary.published)
@@ -217,6 +219,7 @@ def test_what_is_done_is_reused_and_seeds_are_added(root, tmp_path, monkeypatch)
     assert (more.ran, more.reused) == (1, 0)
     assert watch.total == 2 * 30
     record = Results(tmp_path).find("Toy", SMALL, "ope")
+    assert record is not None
     np.testing.assert_array_equal(record.seeds, [0, 1, 2])
     one = first.summary.rows[0].scores
     assert more.summary.rows[0].scores == one
@@ -274,7 +277,7 @@ def test_a_broken_sequence_is_skipped_and_listed(root, clips, tmp_path):
 
 
 def test_what_was_skipped_is_noted_until_it_is_run_again(clips, tmp_path):
-    options = {"settings": [SMALL], "seeds": 1}
+    options: dict[str, Any] = {"settings": [SMALL], "seeds": 1}
     for name in ("Bad", "Toy"):
         write_otb(tmp_path / "root", name, clips["Toy"])
     write_rows(tmp_path / "root" / "Bad" / "groundtruth_rect.txt", clips["Toy"].boxes[:-3])
@@ -335,7 +338,7 @@ def test_folders_of_several_runs_become_one(root, clips, tmp_path):
 
 
 def test_a_file_that_is_not_a_result_is_run_again(root, tmp_path):
-    options = {"sequences": ["Toy"], "settings": [SMALL], "seeds": 1}
+    options: dict[str, Any] = {"sequences": ["Toy"], "settings": [SMALL], "seeds": 1}
     evaluate(root, tmp_path, **options)
     (path,) = tmp_path.glob("runs/*/*/*.npz")
     path.write_bytes(path.read_bytes()[:100])
@@ -391,7 +394,7 @@ def test_published_tables_are_checked(tmp_path):
 
 
 def test_keys_do_not_depend_on_jax_arrays_in_a_config(root, tmp_path):
-    options = {"sequences": ["Toy"], "seeds": 1}
+    options: dict[str, Any] = {"sequences": ["Toy"], "seeds": 1}
 
     def config(number):
         scale = dcs_jax.ScaleFilter(learning_rate=number(0.25))

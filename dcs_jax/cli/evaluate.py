@@ -76,8 +76,8 @@ def evaluate(
 ) -> None:
     """Run settings on labelled sequences and report how good they are.
 
-    Results are written as they finish: the same command continues where it was stopped. Exits with
-    3 where a sequence was broken, and with 130 after Ctrl-C.
+    Results are written as they finish: the same command continues where it was stopped.
+    The exit code is 3 if a sequence was broken, and 130 after Ctrl-C.
     """
     if peers is not None:
         raise ValueError("--peers is now --baselines")
