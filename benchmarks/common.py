@@ -141,7 +141,10 @@ class Worker:
 
 
 def fresh(*arguments: Any, cache: str | None = None) -> Any:
-    """The first answer of a new process; cache: of compiled programs, by default this one's."""
+    """The first answer of a new process.
+
+    cache: folder of its compiled programs, by default that of this process.
+    """
     kept = cache or jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     environment = {
         "JAX_COMPILATION_CACHE_DIR": kept,
