@@ -47,7 +47,7 @@ def test_spatial_starts_are_shifted_and_scaled():
 
 def test_another_protocol_is_refused():
     with pytest.raises(ValueError, match="one of ope, tre, sre, but is 'vot'"):
-        starts("vot", TRUTH)  # type: ignore[arg-type]
+        starts("vot", TRUTH)
 
 
 def test_settings_by_name():
