@@ -11,7 +11,7 @@ import itertools
 from pathlib import Path
 
 from dcs_jax.cli.environment import keep_compiled_programs
-from dcs_jax.cli.evaluate import ProgressBar
+from dcs_jax.cli.evaluate import EvaluationBar
 from dcs_jax.config import COMPONENTS
 from dcs_jax.evaluation import evaluate
 from dcs_jax.evaluation.settings import parse_setting, with_changes
@@ -62,7 +62,7 @@ def main() -> None:
     keep_compiled_programs()
     base = parse_setting(arguments.base).name
     settings = [base, *changes(base).values()]
-    with ProgressBar() as bar:
+    with EvaluationBar() as bar:
         done = evaluate(
             arguments.root,
             arguments.out,

@@ -97,9 +97,10 @@ def _share(default: float) -> Any:
     return _number(default, "from 0 to 1", 0, 1 + 1e-6)
 
 
-def _group(group: type) -> Any:
-    check = functools.partial(_check_group, group=group)
-    return dataclasses.field(default=group(), metadata={"check": check})
+def _group(group: type, on: bool = True) -> Any:
+    """A component's settings, or None; on: whether the default preset has the component."""
+    metadata = {"group": group, "check": functools.partial(_check_group, group=group)}
+    return dataclasses.field(default=group() if on else None, metadata=metadata)
 
 
 def _check_fields(settings: Any) -> None:
@@ -357,8 +358,12 @@ class Config:
         return dataclasses.replace(self, canvas=canvas, window_factor=factor, window_minimum=0.0)
 
 
-# The groups: what the default has beyond the paper.
-COMPONENTS = ("translation", "scale", "verification", "redetection")
+# What the tracker can have beyond the paper, and the class of its settings.
+COMPONENTS: dict[str, type] = {
+    field.name: field.metadata["group"]
+    for field in dataclasses.fields(Config)
+    if "group" in field.metadata
+}
 
 
 def resolve_all(config: Config, boxes: np.ndarray) -> Config:

@@ -189,7 +189,7 @@ def _gated(
     assert settings
     description = _own_scale(descriptions)
     confidence = verification.score(verification.similarity(known, description, settings), settings)
-    counted = verification.count(known, confidence, settings)
+    counted = verification.step(known, confidence, settings)
     updated = updated._replace(verification=verification.update(counted, description, settings))
     box = jnp.where(counted.num_missed == 0, updated.box, state.box)
     waiting = state._replace(box=box, verification=counted)

@@ -1,6 +1,7 @@
 """Many tracks in one call: each is the one that `track_sequence` gives."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +53,10 @@ def test_targets_of_different_size_in_one_video(clip, keys, grey):
 def test_many_videos_and_a_sweep(clip, keys):
     frames = np.stack([np.roll(clip.frames, shift, 2) for shift in (0, 6, 12)])
     boxes = clip.boxes[0] + SHIFTS
-    numbers = {"block": np.array([0.2, 0.4, 0.6]), "lam": jnp.array([0.01, 0.1, 0.5])}
+    numbers: dict[str, Any] = {
+        "block": np.array([0.2, 0.4, 0.6]),
+        "lam": jnp.array([0.01, 0.1, 0.5]),
+    }
     tracks = dcs_jax.track_batch(frames, boxes, keys, dataclasses.replace(SMALL, **numbers))
     for number in range(3):
         key = None if keys is None else keys[number]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.behaviour import PLAIN, WITHIN, absences, centre_errors, overlaps, track_clips
-from dcs_jax import Config
+from dcs_jax import Config, Verification
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import init, step
 
@@ -61,7 +61,7 @@ def test_parts_of_a_pixel(followed):
 
 def test_nothing_is_learned_while_lost():
     clip = render(12, (120, 160), (36, 30), **PLAIN)
-    config = Config()
+    config, patience = Config(), Verification().patience
     state = jax.jit(init)(clip.frames[0], clip.boxes[0], jax.random.key(0), config)
     follow_on = jax.jit(step)
     for frame in clip.frames[1:]:
@@ -69,7 +69,7 @@ def test_nothing_is_learned_while_lost():
     assert not info.lost
     blank = np.full_like(clip.frames[0], 128)
     before = state
-    for _ in range(int(config.verification.patience) + 3):
+    for _ in range(int(patience) + 3):
         state, info = follow_on(state, blank, config)
     assert info.lost
     kept = state._replace(

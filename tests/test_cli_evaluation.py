@@ -45,7 +45,7 @@ def test_evaluate_writes_a_report_and_reuses_what_is_done(root, tmp_path):
 
 
 def test_report_merges_folders(root, tmp_path):
-    for name, changes in (("one", []), ("two", ["--peers", "MIL"])):
+    for name, changes in (("one", []), ("two", ["--baselines", "MIL"])):
         options = [*PRESETS, *changes, "--seeds", 1, "--sequences", "Toy", "--no-page"]
         result = run("evaluate", root, *options, "--out", tmp_path / name)
         assert result.exit_code == 0, result.output
@@ -77,17 +77,18 @@ def test_a_broken_sequence_ends_with_3_and_is_named(root, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["evaluate", "nothing"], "nothing is no folder"),
+        (["evaluate", "nothing"], "nothing is not a folder"),
         (["evaluate", "."], "holds no sequences"),
         (["evaluate", "ROOT", "--presets", "best"], "'best' is not a preset"),
         (["evaluate", "ROOT", "--set", "selector=best"], "selector must be one of"),
         (["evaluate", "ROOT", "--sequences", "Bolt"], "Bolt not found"),
         (["evaluate", "ROOT", "--sequences", ""], "expected the name of a sequence"),
-        (["evaluate", "ROOT", "--peers", "TLD"], "'TLD' is no peer"),
+        (["evaluate", "ROOT", "--baselines", "TLD"], "'TLD' is not a baseline"),
+        (["evaluate", "ROOT", "--peers", "MIL"], "--peers is now --baselines"),
         (["evaluate", "ROOT", "--seeds", "0"], "--seeds"),
         (["evaluate", "ROOT", "--protocol", "vot"], "--protocol"),
         (["evaluate", "ROOT", "--published", "."], "holds no CSV"),
-        (["evaluate", "ROOT", "--published", "nothing"], "nothing is no folder"),
+        (["evaluate", "ROOT", "--published", "nothing"], "nothing is not a folder"),
         (["report", "nothing"], "nothing holds no results"),
     ],
 )
@@ -114,8 +115,8 @@ def test_a_missing_package_is_one_line(root, tmp_path, monkeypatch):
         )
 
 
-def test_ctrl_c_ends_cleanly_and_the_same_command_goes_on(tmp_path):
-    """Interrupted in the second sequence, which is long enough to be met there."""
+def test_ctrl_c_ends_cleanly_and_the_same_command_continues(tmp_path):
+    """Interrupted in the second sequence, which is long enough for it."""
     write_otb(tmp_path / "root", "a-short", render(9, (120, 160), (36, 30)))
     write_otb(tmp_path / "root", "b-long", render(1500, (120, 160), (36, 30)))
     out = tmp_path / "out"
@@ -134,7 +135,7 @@ def test_ctrl_c_ends_cleanly_and_the_same_command_goes_on(tmp_path):
     process.send_signal(signal.SIGINT)
     printed, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
-    assert errors == "interrupted: the same command goes on from here\n"
+    assert errors == "interrupted: the same command continues from here\n"
     assert str(out / "index.html") in printed
     table = (out / "results.csv").read_text().splitlines()
     assert len(table) == 1 + 4

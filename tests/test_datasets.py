@@ -1,4 +1,4 @@
-"""Every layout of a data set is recognised and gives the same frames and labels."""
+"""Every layout of a data set is found and gives the same frames and labels."""
 
 import numpy as np
 import pytest
@@ -135,17 +135,17 @@ def test_video_with_a_table(tmp_path, clip, header):
     sequence = only(tmp_path)
     assert sequence.name == "card"
     assert sequence.frames.length == LENGTH
-    missing = [3, 4] if header else []
-    np.testing.assert_array_equal(np.isnan(sequence.truth[:, 0]).nonzero()[0], missing)
+    unlabelled = [3, 4] if header else []
+    np.testing.assert_array_equal(np.isnan(sequence.truth[:, 0]).nonzero()[0], unlabelled)
     known = ~np.isnan(sequence.truth[:, 0])
     np.testing.assert_allclose(sequence.truth[known], clip.boxes[known], atol=1e-3)
 
 
-def test_layouts_may_lie_side_by_side_and_are_found_by_name(tmp_path, clip):
+def test_several_layouts_in_one_folder_are_found_by_name(tmp_path, clip):
     write_otb(tmp_path, "b-otb", clip)
     write_video(tmp_path / "a-video.avi", clip)
     (tmp_path / "notes").mkdir()
-    (tmp_path / "notes" / "read.txt").write_text("no sequence")
+    (tmp_path / "notes" / "read.txt").write_text("not a sequence")
     assert [entry.name for entry in find_sequences(tmp_path)] == ["a-video", "b-otb"]
     assert [entry.name for entry in find_sequences(tmp_path, ["b-otb"])] == ["b-otb"]
 
@@ -153,7 +153,7 @@ def test_layouts_may_lie_side_by_side_and_are_found_by_name(tmp_path, clip):
 def test_unknown_names_and_empty_folders_are_refused(tmp_path, clip):
     with pytest.raises(ValueError, match="holds no sequences in the layout of OTB"):
         find_sequences(tmp_path)
-    with pytest.raises(ValueError, match="is no folder"):
+    with pytest.raises(ValueError, match="is not a folder"):
         find_sequences(tmp_path / "nothing")
     write_otb(tmp_path, "Card", clip)
     with pytest.raises(ValueError, match=r"Deer not found in .*, which holds Card"):
@@ -224,7 +224,7 @@ def vot_masks(folder, clip):
         (without_annotation, "groundtruth_rect.txt"),
         (images_alone, "holds images, but no annotation"),
         (mil_without_frames, r"no \*_frames.txt"),
-        (video_alone, "no table of boxes beside it: expected Card.csv"),
+        (video_alone, "no table of boxes: expected Card.csv in its folder"),
         (video_with_a_frame_too_many, "line 3 names frame 12: the video has 12 frames"),
         (video_without_a_column, "has no column h"),
         (got_of_another_length, "absence.label has 1 lines, but groundtruth.txt 12"),

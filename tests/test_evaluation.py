@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from typing import Any
 
 import jax
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from data_sets import SMALL, write_otb, write_rows
 
 import dcs_jax
-from dcs_jax.evaluation import Watch, evaluate, experiment, peers
+from dcs_jax.evaluation import Watch, baselines, evaluate, experiment
 from dcs_jax.evaluation.metrics import scores
 from dcs_jax.evaluation.report.tables import as_dict, write_summary
 from dcs_jax.evaluation.results import Results, read_published
@@ -52,7 +53,7 @@ def published(tmp_path_factory):
 
 
 class Counting(Watch):
-    """Remembers what it is told."""
+    """Counts what is reported to it."""
 
     def __init__(self):
         self.total, self.done, self.what = None, 0, []
@@ -74,7 +75,13 @@ def done(root, published, tmp_path_factory):
     out = tmp_path_factory.mktemp("out") / "new"
     settings = {"paper": parse_setting(SMALL).config(""), "other": small(parts=1)}
     result = evaluate(
-        root, out, settings=settings, seeds=SEEDS, peers=["MIL"], published=published, watch=watch
+        root,
+        out,
+        settings=settings,
+        seeds=SEEDS,
+        baselines=["MIL"],
+        published=published,
+        watch=watch,
     )
     return result, watch
 
@@ -87,7 +94,7 @@ def test_all_is_run_and_counted(done):
     result, watch = done
     assert (result.ran, result.reused, result.broken, result.interrupted) == (6, 0, [], False)
     assert watch.plan == (0, 0, 6)
-    assert watch.total == watch.done == (2 * SEEDS + experiment.PEER_WORK) * (LENGTH + 30)
+    assert watch.total == watch.done == (2 * SEEDS + experiment.BASELINE_WORK) * (LENGTH + 30)
     assert watch.what[0] == "Deer · paper"
 
 
@@ -158,7 +165,7 @@ def test_settings_are_compared_on_the_same_seeds(done):
 
 
 def test_published_results_go_by_the_papers_names(done):
-    """Deer is the paper's animal; "toy" is not Toy's name in the paper, and other tables pass."""
+    """Deer is the paper's animal; "toy" is not a name in the paper; other tables are ignored."""
     result, _ = done
     assert [(p.sequence, p.source, p.tracker) for p in result.summary.published] == [
         ("Deer", "authors", "dcs_with_l1"),
@@ -183,6 +190,7 @@ def test_published_results_go_by_the_papers_names(done):
 def test_few_seeds_have_no_verdict_on_published_runs(done, tmp_path):
     result, _ = done
     record = Results(result.out).find("Deer", "paper", "ope")
+    assert record is not None
     few = Results(tmp_path)
     few.write(record._replace(seeds=record.seeds[:-1], boxes=record.boxes[:-1]))
     few.write_published(result.summary.published)
@@ -211,6 +219,7 @@ def test_what_is_done_is_reused_and_seeds_are_added(root, tmp_path, monkeypatch)
     assert (more.ran, more.reused) == (1, 0)
     assert watch.total == 2 * 30
     record = Results(tmp_path).find("Toy", SMALL, "ope")
+    assert record is not None
     np.testing.assert_array_equal(record.seeds, [0, 1, 2])
     one = first.summary.rows[0].scores
     assert more.summary.rows[0].scores == one
@@ -221,7 +230,7 @@ def test_what_is_done_is_reused_and_seeds_are_added(root, tmp_path, monkeypatch)
 
 
 def test_nothing_stale_is_reused(root, clips, tmp_path, monkeypatch):
-    """Another value under the same name, other code and other labels: each is run anew."""
+    """A changed value under the same name, changed code and changed labels: each is run again."""
     write_otb(tmp_path / "root", "Toy", clips["Toy"])
     out = tmp_path / "out"
 
@@ -241,7 +250,7 @@ def test_nothing_stale_is_reused(root, clips, tmp_path, monkeypatch):
     np.testing.assert_allclose(labels.truth, clips["Toy"].boxes + 1, atol=1e-3)
 
 
-def test_results_on_other_data_are_left_out_and_said(root, clips, tmp_path):
+def test_results_on_other_data_are_left_out_with_a_note(root, clips, tmp_path):
     write_otb(tmp_path / "root", "Toy", clips["Toy"])
     out = tmp_path / "out"
     evaluate(tmp_path / "root", out, settings={"old": small()}, seeds=1)
@@ -268,7 +277,7 @@ def test_a_broken_sequence_is_skipped_and_listed(root, clips, tmp_path):
 
 
 def test_what_was_skipped_is_noted_until_it_is_run_again(clips, tmp_path):
-    options = {"settings": [SMALL], "seeds": 1}
+    options: dict[str, Any] = {"settings": [SMALL], "seeds": 1}
     for name in ("Bad", "Toy"):
         write_otb(tmp_path / "root", name, clips["Toy"])
     write_rows(tmp_path / "root" / "Bad" / "groundtruth_rect.txt", clips["Toy"].boxes[:-3])
@@ -283,7 +292,7 @@ def test_what_was_skipped_is_noted_until_it_is_run_again(clips, tmp_path):
 
 
 def test_a_start_outside_the_frame_costs_only_itself(clips, tmp_path):
-    """SRE moves a box at the edge wholly out of the frame."""
+    """SRE moves a box at the edge completely out of the frame."""
     clip = clips["Toy"]
     write_otb(tmp_path / "root", "Toy", clip)
     rows = clip.boxes.astype(float)
@@ -328,8 +337,8 @@ def test_folders_of_several_runs_become_one(root, clips, tmp_path):
     assert len([note for note in merged.notes if "the first one counts" in note]) == 2
 
 
-def test_a_file_that_is_no_result_is_run_anew(root, tmp_path):
-    options = {"sequences": ["Toy"], "settings": [SMALL], "seeds": 1}
+def test_a_file_that_is_not_a_result_is_run_again(root, tmp_path):
+    options: dict[str, Any] = {"sequences": ["Toy"], "settings": [SMALL], "seeds": 1}
     evaluate(root, tmp_path, **options)
     (path,) = tmp_path.glob("runs/*/*/*.npz")
     path.write_bytes(path.read_bytes()[:100])
@@ -345,14 +354,16 @@ def test_opencv_mil_tracks(done, clips):
     assert np.isnan(record.confidence).all()
 
 
-def test_peers_that_are_unknown_or_missing_are_refused(monkeypatch):
-    assert "MIL" in peers.available_peers()
-    assert peers.select_peers(["opencv", "MIL"]) == peers.available_peers()
-    with pytest.raises(ValueError, match="'TLD' is no peer: expected opencv or some of MIL, KCF"):
-        peers.select_peers(["TLD"])
-    monkeypatch.setitem(peers.PEERS, "CSRT", "TrackerThatIsNot_create")
+def test_baselines_that_are_unknown_or_missing_are_refused(monkeypatch):
+    assert "MIL" in baselines.available_baselines()
+    assert baselines.select_baselines(["opencv", "MIL"]) == baselines.available_baselines()
+    with pytest.raises(
+        ValueError, match="'TLD' is not a baseline: expected opencv or some of MIL, KCF"
+    ):
+        baselines.select_baselines(["TLD"])
+    monkeypatch.setitem(baselines.BASELINES, "CSRT", "TrackerThatIsNot_create")
     with pytest.raises(ValueError, match="CSRT is not in this OpenCV"):
-        peers.select_peers(["CSRT"])
+        baselines.select_baselines(["CSRT"])
 
 
 @pytest.mark.parametrize(
@@ -363,7 +374,7 @@ def test_peers_that_are_unknown_or_missing_are_refused(monkeypatch):
         ({"settings": ["best"]}, "'best' is not a preset"),
         ({"settings": []}, "nothing to run"),
         ({"sequences": ["Bolt"]}, "Bolt not found"),
-        ({"peers": ["TLD"]}, "no peer"),
+        ({"baselines": ["TLD"]}, "not a baseline"),
     ],
 )
 def test_wrong_calls_are_refused_before_anything_is_written(root, tmp_path, options, message):
@@ -383,7 +394,7 @@ def test_published_tables_are_checked(tmp_path):
 
 
 def test_keys_do_not_depend_on_jax_arrays_in_a_config(root, tmp_path):
-    options = {"sequences": ["Toy"], "seeds": 1}
+    options: dict[str, Any] = {"sequences": ["Toy"], "seeds": 1}
 
     def config(number):
         scale = dcs_jax.ScaleFilter(learning_rate=number(0.25))

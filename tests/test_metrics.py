@@ -5,7 +5,7 @@ import pytest
 
 from dcs_jax.evaluation.metrics import (
     centre_error,
-    losses,
+    failures,
     mean_centre_error,
     normalised_precision_curve,
     overlap,
@@ -65,7 +65,7 @@ def test_normalised_precision_has_each_axis_in_its_own_side():
         np.testing.assert_array_equal(curve, np.linspace(0, 0.5, 51) >= 0.2)
 
 
-def test_losses_have_hysteresis():
+def test_failures_have_hysteresis():
     """Lost at 2; 0.3 is not yet held; held at 5, lost again at 7."""
     truth = np.tile([0.0, 0, 10, 10], (9, 1))
     truth[3] = np.nan
@@ -73,7 +73,7 @@ def test_losses_have_hysteresis():
     for t, value in enumerate([1, 0.2, 0.05, 1, 0.3, 0.6, 0.2, 0.1, 0]):
         boxes[t] = [0, 0, 10, 10 * value or 1]
     boxes[8, 0] = 50
-    assert losses(boxes, truth) == [2, 7]
+    assert failures(boxes, truth) == [2, 7]
 
 
 def test_scores_are_the_summaries():
@@ -83,7 +83,7 @@ def test_scores_are_the_summaries():
     assert found.auc == success_curve(BOXES, TRUTH).mean()
     assert found.precision == precision_curve(BOXES, TRUTH)[20] == 1
     assert found.normalised_precision == normalised_precision_curve(BOXES, TRUTH).mean()
-    assert found.losses == 0
+    assert found.failures == 0
 
 
 def random_boxes(rng, count):
@@ -94,7 +94,7 @@ def random_boxes(rng, count):
 def test_metrics_are_those_of_got10k():
     """10 000 pairs of boxes, near and far.
 
-    Its centres are half a pixel further to the top left, of both boxes alike; its overlap has a
+    Its centres are half a pixel further to the top left, for both boxes; its overlap has a
     machine epsilon in the denominator.
     """
     reference = pytest.importorskip("got10k.utils.metrics", reason="got10k is not installed")

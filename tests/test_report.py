@@ -3,6 +3,7 @@
 import re
 import shutil
 from html.parser import HTMLParser
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from dcs_jax.evaluation.report.strips import COUNT, film_strip
 from dcs_jax.evaluation.statistics import FEWEST_SEEDS
 from dcs_jax.synthetic import render
 
-SMALL = {"canvas": 20, "selectors": 6, "pool_size": 12}
+SMALL: dict[str, Any] = {"canvas": 20, "selectors": 6, "pool_size": 12}
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
@@ -46,7 +47,7 @@ def evaluation(tmp_path_factory):
         folder / "out",
         settings={"paper": Config(parts=5, **SMALL), "<b>&one": Config(parts=1, **SMALL)},
         seeds=FEWEST_SEEDS,
-        peers=["MIL"],
+        baselines=["MIL"],
         published=folder / "published",
     )
 

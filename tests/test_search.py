@@ -20,7 +20,7 @@ from dcs_jax.types import Strong
 
 CONFIG = Config(canvas=(12, 10), parts=5, selectors=4, pool_size=3)
 FRAME = (300, 300)
-BOX = np.float32([100, 120, 30, 24])
+BOX = np.array([100, 120, 30, 24], np.float32)
 
 
 @functools.partial(jax.jit, static_argnames="subcell")
@@ -98,7 +98,8 @@ def test_under_vmap_the_maps_are_the_same():
         *cases,
     )
     pool, weak, strong, integral = stacked
-    together = jax.vmap(lambda *case: confidence_map(*case, CONFIG))(integral, pool, weak, strong)
+    maps = jax.vmap(confidence_map, (0, 0, 0, 0, None))
+    together = maps(integral, pool, weak, strong, CONFIG)
     for number, (pool, weak, strong, integral) in enumerate(cases):
         alone = confidence_map(jnp.asarray(integral, jnp.float32), pool, weak, strong, CONFIG)
         np.testing.assert_allclose(
@@ -117,8 +118,7 @@ def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell):
     generator = np.random.default_rng(seed)
     # Few levels make plateaus, as hard votes do.
     score_map = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
-    box = BOX.copy()
-    box[0] = x
+    box = np.array([x, *BOX[1:]], np.float32)
     config = Config(canvas=(12, 10), prior=prior)
     scores = reference.score_map(score_map, box, FRAME, config.grid, prior)
     expected = reference.peak(scores, reference.squared_distances(box, config.grid), subcell)

@@ -101,6 +101,6 @@ def test_welch_needs_runs_and_a_deviation(values, sd, n, message):
         welch_test(values, 1, sd, n)
 
 
-def test_ranks_share_places_and_leave_out_what_is_missing():
+def test_equal_values_share_a_rank_and_nan_has_none():
     assert ranks([3, 1, 1, 2, math.nan], least_is_best=True) == [3, 1, 1, 2, 0]
     assert ranks([3, 1, 1, 2], least_is_best=False) == [1, 3, 3, 2]

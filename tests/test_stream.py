@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -68,7 +69,7 @@ def test_tracks_come_and_go_without_compilation(clip, monkeypatch, keys):
         monkeypatch.setattr(tracker, name, None)  # nothing is traced from here on
 
     stream = dcs_jax.track_stream(clip.frames, boxes, keys, **options)
-    parts = []
+    parts: list[Any] = []
     for chunk in stream:
         parts.append(chunk)
         if chunk.start == 5:
@@ -99,7 +100,7 @@ def test_a_source_that_breaks_gives_what_was_tracked_first(clip):
         yield from clip.frames[:12]
         raise OSError("the cable is out")
 
-    parts = []
+    parts: list[Any] = []
     with pytest.raises(OSError, match="the cable is out"):
         parts.extend(dcs_jax.track_stream(broken(), clip.boxes[:1], config=SMALL, chunk=4))
     whole = dcs_jax.track_sequence(clip.frames[:12], clip.boxes[0], config=SMALL)
@@ -108,7 +109,7 @@ def test_a_source_that_breaks_gives_what_was_tracked_first(clip):
 
 def test_a_frame_of_another_shape_gives_what_was_tracked_first(clip):
     frames = [*clip.frames[:7], clip.frames[7, :50]]
-    parts = []
+    parts: list[Any] = []
     with pytest.raises(ValueError, match=r"frame 7 has \(50, 160, 3\)"):
         parts.extend(dcs_jax.track_stream(frames, clip.boxes[:1], config=SMALL, chunk=4))
     assert sum(len(part.frames) for part in parts) == 7
@@ -155,7 +156,7 @@ def test_chunks_pass_on_what_is_raised_after_the_good_frames():
         yield from np.ones((3, 4, 5), np.uint8)
         raise KeyError("four")
 
-    stacks = []
+    stacks: list[Any] = []
     with pytest.raises(KeyError, match="four"):
         stacks.extend(chunks(frames(), 2))
     assert [len(stack) for stack in stacks] == [2, 1]

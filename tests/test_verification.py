@@ -49,7 +49,7 @@ def test_an_object_is_missed_lost_and_recovered_by_its_confidence():
     state = verification.init(jnp.asarray(unit(1)))
     counts, lost = [], []
     for confidence in (0.4, 0.6, 0.5, 0.2, 0.1, 0.6, 0.89, 0.95, 0.6):
-        state = verification.count(state, jnp.float32(confidence), settings)
+        state = verification.step(state, jnp.float32(confidence), settings)
         counts.append(int(state.num_missed))
         lost.append(bool(verification.is_lost(state, settings)))
     # 0.6 holds an object that is not lost; one that is lost needs more than 0.9.

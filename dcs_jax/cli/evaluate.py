@@ -1,4 +1,4 @@
-"""`dcs-jax evaluate`: settings and peers on labelled sequences, with a report to look at."""
+"""`dcs-jax evaluate`: settings and baselines on labelled sequences, with a report."""
 
 import re
 from enum import StrEnum
@@ -29,7 +29,7 @@ def evaluate(
         Path,
         typer.Argument(
             metavar="ROOT",
-            help="A folder of sequences (OTB, MIL, VOT, GOT-10k, or videos with a CSV each).",
+            help="Folder of sequences (OTB, MIL, VOT, GOT-10k, or videos with a CSV file each).",
             show_default=False,
         ),
     ],
@@ -39,7 +39,7 @@ def evaluate(
     ] = None,
     presets: Annotated[
         str,
-        typer.Option(metavar="A,B", help="Of default, paper, authors; changes after a blank."),
+        typer.Option(metavar="A,B", help="From default, paper, authors; changes after a blank."),
     ] = "default",
     changes: Annotated[
         list[str] | None,
@@ -51,7 +51,7 @@ def evaluate(
         ),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Seeds of every setting, in one batch.")] = 30,
-    peers: Annotated[
+    baselines: Annotated[
         str | None,
         typer.Option(
             metavar="A,B",
@@ -64,32 +64,35 @@ def evaluate(
     ] = ProtocolName.ope,
     published: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Tables to stand beside ours.", show_default=False),
+        typer.Option(metavar="DIR", help="Published results to compare with.", show_default=False),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")] = Path(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results.")] = Path(
         "report"
     ),
     page: Annotated[
         bool, typer.Option("--page/--no-page", help=f"Whether to write {PAGE}.")
     ] = True,
+    peers: Annotated[str | None, typer.Option(hidden=True)] = None,
 ) -> None:
     """Run settings on labelled sequences and report how good they are.
 
-    Results are written as they finish: the same command goes on where it was stopped. Ends with 3
-    where a sequence was broken, and with 130 after Ctrl-C.
+    Results are written as they finish: the same command continues where it was stopped.
+    The exit code is 3 if a sequence was broken, and 130 after Ctrl-C.
     """
+    if peers is not None:
+        raise ValueError("--peers is now --baselines")
     if page:
         check_report_needs()
     keep_compiled_programs()
     settings = with_changes(_split(presets, _BEFORE_A_NAME), changes or [])
-    with ProgressBar() as bar:
+    with EvaluationBar() as bar:
         done = run_evaluation(
             root,
             out,
             sequences=_split(sequences) if sequences is not None else None,
             settings=[setting.name for setting in settings],
             seeds=seeds,
-            peers=_split(peers or ""),
+            baselines=_split(baselines or ""),
             protocol=protocol.value,
             published=published,
             watch=bar,
@@ -101,7 +104,7 @@ def evaluate(
     for broken in done.broken:
         typer.echo(f"skipped {broken}", err=True)
     if done.interrupted:
-        typer.echo("interrupted: the same command goes on from here", err=True)
+        typer.echo("interrupted: the same command continues from here", err=True)
         raise typer.Exit(INTERRUPTED)
     if done.broken:
         raise typer.Exit(BROKEN_SOURCE)
@@ -114,19 +117,19 @@ def _split(text: str, separator: str = ",") -> list[str]:
     return [part.strip() for part in re.split(separator, text) if part.strip()]
 
 
-class ProgressBar(WorkBar, Watch):
-    """A bar over all track-frames with the time left, on stderr, shown on a terminal only."""
+class EvaluationBar(WorkBar, Watch):
+    """A progress bar over all track-frames, on stderr, shown on a terminal only."""
 
     def __init__(self) -> None:
         super().__init__("reading")
 
     def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
-        """Say what is reused, and set the bar to what is left."""
+        """Print what is reused, and set the bar to what is left."""
         notes = [f"{reused} of {runs} runs reused"] if reused else []
         if stale:
-            notes.append(f"{stale} made anew, as setting, code or data have changed")
+            notes.append(f"{stale} run again, as setting, code or data have changed")
         self.start(work, notes)
 
     def working(self, what: str) -> None:
-        """Name what is being run."""
+        """Show what is being run."""
         self.describe(what)

@@ -25,12 +25,12 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where the page goes.", show_default="the first DIR"),
+        typer.Option(metavar="DIR", help="Folder of the page.", show_default="the first DIR"),
     ] = None,
 ) -> None:
-    """Make the page anew from results, those of several folders in one.
+    """Make the page again from results; those of several folders become one.
 
-    So the peers of another environment come into one table.
+    So the baselines of a different environment come into the same table.
     """
     check_report_needs()
     for folder in folders:
@@ -48,14 +48,14 @@ def report(
 
 
 def check_report_needs() -> None:
-    """ValueError where a package is missing that only the page needs."""
+    """Raise ValueError where a package is missing that only the page needs."""
     missing = [name for name in NEEDS if importlib.util.find_spec(name) is None]
     if missing:
         raise ValueError(f"the page needs {' and '.join(missing)}: pip install 'dcs-jax[report]'")
 
 
 def write_page(summary: Summary, out: Path) -> Path:
-    """Write the page of a summary into a folder: its path."""
+    """Write the page of a summary into a folder, and return its path."""
     # matplotlib takes a second to import, and is optional.
     from dcs_jax.evaluation.report import write_report
 
@@ -63,11 +63,11 @@ def write_page(summary: Summary, out: Path) -> Path:
 
 
 def print_means(summary: Summary) -> None:
-    """A table of every setting's means over all sequences."""
+    """Print a table of the means of every setting over all sequences."""
     over = sorted({sequence for sequence, _ in summary.common}, key=str.lower)
     what = f"{len(over)} sequences" if len(over) != 1 else over[0]
     table = Table(title=f"{what}: mean over the seeds, with its 95 % interval")
-    table.add_column("setting", overflow="fold")  # a name that is cut short is no name
+    table.add_column("setting", overflow="fold")  # a name cut short says nothing
     for column in ("seeds", "centre error, px", "success rate", "AUC", "P@20", "frames/s"):
         table.add_column(column, justify="right")
     for setting, numbers in summary.overall.items():

@@ -1,4 +1,4 @@
-"""Labelled sequences, metrics, many seeds, peers and a report: how good is a setting?"""
+"""How good is a setting: labelled sequences, metrics, many seeds, baselines and a report."""
 
 from dcs_jax.evaluation.experiment import Evaluation, Watch, evaluate
 from dcs_jax.evaluation.results import Skipped

@@ -1,8 +1,6 @@
-"""The whole of an evaluation: sequences x settings x starts, with what is done already reused."""
+"""An evaluation: every setting from every start on every sequence; stored runs are reused."""
 
 import dataclasses
-import functools
-import itertools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,26 +11,28 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box
 from dcs_jax.config import Config
+from dcs_jax.evaluation.baselines import run_baseline, select_baselines
 from dcs_jax.evaluation.datasets import Entry, Sequence, find_sequences
-from dcs_jax.evaluation.peers import run_peer, select_peers
 from dcs_jax.evaluation.protocol import PROTOCOLS, Protocol, Start, starts
-from dcs_jax.evaluation.provenance import code_version, digest, environment, peer_version
+from dcs_jax.evaluation.provenance import baseline_version, code_version, digest, environment
 from dcs_jax.evaluation.report.tables import write_summary
 from dcs_jax.evaluation.results import Record, Results, Skipped, read_published
 from dcs_jax.evaluation.runner import Runs, run_seeds
 from dcs_jax.evaluation.settings import Setting, parse_setting
 from dcs_jax.evaluation.summary import Summary, summarise
 
-PEER_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
-IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every setting
+BASELINE_WORK = 20  # OpenCV's MIL takes about as long for a frame as dcs_jax for 20 track-frames
+IN_MEMORY = 2**31  # bytes of frames; a longer sequence is decoded again for every run
 
 
 class Evaluation(NamedTuple):
     """What an evaluation did.
 
-    out: the folder of the results. summary: the numbers, of all results in that folder.
-    ran, reused: how many (sequence, setting, start) were run, and were there already.
-    broken: what was skipped. interrupted: whether it ended by Ctrl-C before all was done.
+    out: folder of the results.
+    summary: numbers of all results in that folder.
+    ran, reused: numbers of (sequence, setting, start) that were run, and that were run before.
+    broken: what was skipped.
+    interrupted: whether Ctrl-C ended it before all was done.
     """
 
     out: Path
@@ -44,22 +44,31 @@ class Evaluation(NamedTuple):
 
 
 class Watch:
-    """Is told how an evaluation goes on; this one does nothing with it."""
+    """Receives the progress of an evaluation; this one ignores it."""
 
     def planned(self, work: int, reused: int, stale: int, runs: int) -> None:
-        """Before the first run: the work left, and how many runs are reused, stale and all.
+        """Called before the first run.
 
-        work: in track-frames of dcs_jax; one of a peer counts as `PEER_WORK` of them.
+        work: number of track-frames to run; a frame of a baseline counts as `BASELINE_WORK`.
+        reused: number of runs that were finished before.
+        stale: number of runs whose earlier results are replaced.
+        runs: number of all runs.
         """
 
     def working(self, what: str) -> None:
-        """Before each run: its sequence and setting."""
+        """Called before each run.
+
+        what: its sequence and setting.
+        """
 
     def advance(self, work: int) -> None:
-        """After each chunk of frames: the work that was done."""
+        """Called after each chunk of frames.
+
+        work: number of track-frames that were run.
+        """
 
     def broken(self, broken: Skipped) -> None:
-        """Where something could not be run."""
+        """Called where a sequence or a run is skipped."""
 
 
 def evaluate(
@@ -69,82 +78,80 @@ def evaluate(
     sequences: Iterable[str] | None = None,
     settings: Iterable[str] | Mapping[str, Config] = ("default",),
     seeds: int = 30,
-    peers: Iterable[str] = (),
+    baselines: Iterable[str] = (),
     protocol: Protocol = "ope",
     published: str | Path | None = None,
     watch: Watch | None = None,
 ) -> Evaluation:
-    """Run settings of the tracker, and its peers, on labelled sequences; compute all numbers.
+    """Run settings of the tracker, and baselines, on labelled sequences; compute all numbers.
 
-    Results are written as they finish, and those that are there already are reused where setting,
-    code and data are the same; so an interrupted evaluation is continued by calling it again.
+    Results are written as they finish. Earlier ones are reused where setting, code and data are
+    the same, so that calling an interrupted evaluation again continues it.
     `dcs_jax.evaluation.report.write_report(done.summary, path)` makes a page of them.
 
     Args:
         root: folder of sequences in the layout of OTB, MIL, VOT or GOT-10k, or of videos with a
             CSV of boxes each; or a single sequence.
-        out: folder of the results, made where it is missing. The summary is of all results in it.
-        sequences: names of those to run; all by default.
+        out: folder of the results, made if needed. The summary is of all results in it.
+        sequences: names of the sequences to run; all by default.
         settings: names such as "default", "paper", "authors" or "paper selector=error", or a
             mapping of names to configs.
-        seeds: number S of seeds, 0 to S - 1, run in one batch. A peer has no seed and runs once.
-        peers: trackers of OpenCV: "opencv" for all that are installed, or names such as "MIL".
+        seeds: number S of seeds, 0 to S - 1, run in one batch. Baselines have none and run once.
+        baselines: trackers of OpenCV: "opencv" for all that are installed, or names such as "MIL".
         protocol: "ope" one pass, "tre" 20 starts, "sre" 12 shifts and scales of the first box.
-        published: folder of tables to stand beside ours (see `results.read_published`).
-        watch: is told of the progress.
+        published: folder of tables to compare with (see `results.read_published`).
+        watch: receives the progress.
 
     Returns:
-        The summary, what was reused, and what was broken. Sequences that cannot be read are
-        skipped and listed there. Ctrl-C ends the run and is noted there, not raised.
+        The summary, how much was reused, and what was skipped, such as a sequence that cannot be
+        read. Ctrl-C ends the evaluation and is noted there, not raised.
 
     Raises:
-        ValueError: there is no such sequence, setting, peer or protocol, or fewer than one seed.
+        ValueError: unknown sequence, setting, baseline or protocol, or fewer than one seed.
     """
     if seeds < 1:
         raise ValueError(f"seeds must be at least 1, but is {seeds}")
     if protocol not in PROTOCOLS:
         raise ValueError(f"protocol must be one of {', '.join(PROTOCOLS)}, but is {protocol!r}")
-    trackers = [_Seeded(setting, seeds) for setting in _named(settings)]
-    contestants: list[_Seeded | _Peer] = [*trackers, *map(_Peer, select_peers(peers))]
-    if not contestants:
-        raise ValueError("there is nothing to run: expected a setting or a peer")
+    trackers: list[_Seeded | _Baseline] = [_Seeded(setting, seeds) for setting in _named(settings)]
+    trackers += map(_Baseline, select_baselines(baselines))
+    if not trackers:
+        raise ValueError("there is nothing to run: expected a setting or a baseline")
     entries = find_sequences(root, sequences)
     if not entries:
         raise ValueError("there is nothing to run: expected the name of a sequence")
     results = Results(out)
     if published is not None:
         results.write_published(read_published(published))
-    work = _Work(results, watch or Watch())
+    run = _EvaluationRun(results, watch or Watch())
     try:
-        work.plan(entries, contestants, protocol)
-        work.do()
+        run.plan(entries, trackers, protocol)
+        run.finish()
         interrupted = False
     except KeyboardInterrupt:
         interrupted = True
-    results.write_skipped(work.broken, [entry.name for entry in entries])
+    results.write_skipped(run.broken, [entry.name for entry in entries])
     summary = summarise([results])
     write_summary(summary, results.folder)
-    return Evaluation(results.folder, summary, work.ran, work.reused, work.broken, interrupted)
+    return Evaluation(results.folder, summary, run.ran, run.reused, run.broken, interrupted)
 
 
-class _Work:
-    """What there is to do, and what has become of it."""
+class _EvaluationRun:
+    """What is left to do, and what has become of the rest."""
 
     def __init__(self, results: Results, watch: Watch) -> None:
         self._results, self._watch = results, watch
-        self._jobs: dict[str, list[_Job]] = {}
-        self._sequences: dict[str, Sequence] = {}
-        self._data: dict[str, str] = {}
+        self._planned: list[tuple[Sequence, str, list[_Job]]] = []
         self.ran = self.reused = 0
         self.broken: list[Skipped] = []
 
     def plan(
         self,
         entries: Iterable[Entry],
-        contestants: Iterable["_Seeded | _Peer"],
+        trackers: Iterable["_Seeded | _Baseline"],
         protocol: Protocol,
     ) -> None:
-        """Open the sequences and look up what has been done."""
+        """Open the sequences and read what has been done before."""
         for entry in entries:
             try:
                 sequence = entry.load()
@@ -152,24 +159,23 @@ class _Work:
             except (ValueError, OSError) as error:
                 self._skip(entry.name, "", error)
                 continue
-            self._sequences[entry.name], self._data[entry.name] = sequence, data
-            self._jobs[entry.name] = [
-                _job(self._results, sequence, data, contestant, start)
-                for contestant in contestants
+            jobs = [
+                _job(self._results, sequence, data, tracker, start)
+                for tracker in trackers
                 for start in starts(protocol, sequence.truth)
             ]
-        jobs = list(itertools.chain.from_iterable(self._jobs.values()))
-        todo = [job for job in jobs if job.missing]
+            self._planned.append((sequence, data, jobs))
+        jobs = [job for _, _, of_sequence in self._planned for job in of_sequence]
+        todo = [job for job in jobs if job.seeds]
         self.reused = len(jobs) - len(todo)
-        work = sum(len(job.missing) * job.length * job.contestant.work for job in todo)
+        work = sum(len(job.seeds) * job.length * job.tracker.work for job in todo)
         self._watch.planned(work, self.reused, sum(job.stale for job in todo), len(jobs))
 
-    def do(self) -> None:
-        """Run what is missing, sequence by sequence, and store each run as it is done."""
-        for name, sequence in self._sequences.items():
-            todo = [job for job in self._jobs[name] if job.missing]
-            data = self._data[name]
-            kept = self._results.keeps_sequence(name, data)
+    def finish(self) -> None:
+        """Run what is left, sequence by sequence, and store each run as it is done."""
+        for sequence, data, jobs in self._planned:
+            todo = [job for job in jobs if job.seeds]
+            kept = self._results.keeps_sequence(sequence.name, data)
             if kept and not todo:
                 continue
             try:
@@ -177,14 +183,14 @@ class _Work:
                 if not kept:
                     self._results.keep_sequence(sequence, data, frames)
             except ValueError as error:
-                self._skip(name, "", error)
+                self._skip(sequence.name, "", error)
                 continue
             for job in todo:
-                self._watch.working(f"{name} · {job.contestant.name}")
+                self._watch.working(f"{sequence.name} · {job.tracker.name}")
                 try:
                     record = _run(job, frames, self._watch.advance)
                 except ValueError as error:
-                    self._skip(name, f"{job.contestant.name}, {job.start.name}", error)
+                    self._skip(sequence.name, f"{job.tracker.name}, {job.start.name}", error)
                     continue
                 self._results.write(record)
                 self.ran += 1
@@ -197,7 +203,7 @@ class _Work:
 class _Seeded:
     """A setting of dcs_jax, run with every seed."""
 
-    work = 1
+    work = 1  # of a track-frame
     version = staticmethod(code_version)
 
     def __init__(self, setting: Setting, seeds: int) -> None:
@@ -209,40 +215,45 @@ class _Seeded:
         fields = dataclasses.asdict(self._setting.config(sequence))
         return jax.tree.map(lambda v: v.tolist() if isinstance(v, jax.Array) else v, fields)
 
-    def run(self, job: "_Job", frames: Iterable[Any], advance: Callable[[int], None]) -> Runs:
+    def run(self, job: "_Job", frames: Iterable[Any], on_frames: Callable[[int], None]) -> Runs:
         config = self._setting.config(job.sequence.name)
-        return run_seeds(frames, job.start.box, job.missing, config, advance)
+        return run_seeds(frames, job.start.box, job.seeds, config, on_frames)
 
 
-class _Peer:
+class _Baseline:
     """A tracker of OpenCV, run once."""
 
-    work = PEER_WORK
-    version = staticmethod(peer_version)
+    work = BASELINE_WORK
+    version = staticmethod(baseline_version)
     seeds = range(1)
 
-    def __init__(self, peer: str) -> None:
-        self._peer = peer
-        self.name = f"OpenCV {peer}"
+    def __init__(self, tracker: str) -> None:
+        self._tracker = tracker
+        self.name = f"OpenCV {tracker}"
 
     def config(self, sequence: str) -> dict[str, Any]:
-        return {"peer": self._peer}
+        return {"baseline": self._tracker}
 
-    def run(self, job: "_Job", frames: Iterable[Any], advance: Callable[[int], None]) -> Runs:
-        return run_peer(self._peer, frames, job.start.box, advance)
+    def run(self, job: "_Job", frames: Iterable[Any], on_frames: Callable[[int], None]) -> Runs:
+        return run_baseline(self._tracker, frames, job.start.box, on_frames)
 
 
 class _Job(NamedTuple):
-    """One (sequence, setting, start): what there is of it (if of the same key) and what is not."""
+    """One (sequence, setting, start).
+
+    done: its earlier results, if they have the same key.
+    stale: whether there are earlier results of another key.
+    seeds: seeds that are left to run.
+    """
 
     sequence: Sequence
-    contestant: _Seeded | _Peer
+    tracker: _Seeded | _Baseline
     start: Start
     key: str
     about: dict[str, Any]
     done: Record | None
     stale: bool
-    missing: list[int]
+    seeds: list[int]
 
     @property
     def length(self) -> int:
@@ -251,30 +262,30 @@ class _Job(NamedTuple):
 
 
 def _job(
-    results: Results, sequence: Sequence, data: str, contestant: _Seeded | _Peer, start: Start
+    results: Results, sequence: Sequence, data: str, tracker: _Seeded | _Baseline, start: Start
 ) -> _Job:
     about = {
-        "config": contestant.config(sequence.name),
-        "code": contestant.version(),
+        "config": tracker.config(sequence.name),
+        "code": tracker.version(),
         "data": data,
     }
     key = digest([about, start.frame, start.box.tolist()])
-    found = results.find(sequence.name, contestant.name, start.name)
+    found = results.find(sequence.name, tracker.name, start.name)
     done = found if found is not None and found.key == key else None
     have = set() if done is None else set(done.seeds.tolist())
-    missing = [seed for seed in contestant.seeds if seed not in have]
+    seeds = [seed for seed in tracker.seeds if seed not in have]
     stale = found is not None and done is None
-    return _Job(sequence, contestant, start, key, about, done, stale, missing)
+    return _Job(sequence, tracker, start, key, about, done, stale, seeds)
 
 
-def _run(job: _Job, frames: Iterable[Any], advance: Callable[[int], None]) -> Record:
-    """Run the missing seeds of a job and put them together with those that are there."""
+def _run(job: _Job, frames: Iterable[Any], on_frames: Callable[[int], None]) -> Record:
+    """Run the seeds that are left of a job, and append them to those that are done."""
     check_box(job.start.box, job.sequence.frames.shape)
     rest = (frame for t, frame in enumerate(frames) if t >= job.start.frame)
-    weight = job.contestant.work
-    runs = job.contestant.run(job, rest, lambda tracked: advance(tracked * weight))
-    seeds = np.array(job.missing, np.int64)
+    work = job.tracker.work
+    runs = job.tracker.run(job, rest, lambda tracked: on_frames(tracked * work))
     boxes, confidence, seconds = runs
+    seeds = np.array(job.seeds, np.int64)
     if job.done is not None:
         seeds = np.concatenate([job.done.seeds, seeds])
         boxes = np.concatenate([job.done.boxes, boxes])
@@ -282,7 +293,7 @@ def _run(job: _Job, frames: Iterable[Any], advance: Callable[[int], None]) -> Re
         seconds += job.done.seconds
     return Record(
         job.sequence.name,
-        job.contestant.name,
+        job.tracker.name,
         job.start.name,
         job.start.frame,
         seeds,
@@ -295,7 +306,7 @@ def _run(job: _Job, frames: Iterable[Any], advance: Callable[[int], None]) -> Re
 
 
 def _frames(sequence: Sequence) -> Iterable[NDArray[np.uint8]]:
-    """The frames, in memory where they are not too many."""
+    """The frames, in memory unless they are too many."""
     source = sequence.frames
     if int(np.prod(source.shape)) * len(sequence.truth) > IN_MEMORY:
         return source
@@ -309,13 +320,10 @@ def _frames(sequence: Sequence) -> Iterable[NDArray[np.uint8]]:
 
 def _named(settings: Iterable[str] | Mapping[str, Config]) -> list[Setting]:
     if isinstance(settings, Mapping):
-        return [
-            Setting(name, functools.partial(_same, config)) for name, config in settings.items()
-        ]
+        return [Setting(name, _constant(config)) for name, config in settings.items()]
     return [parse_setting(text) for text in settings]
 
 
-def _same(config: Config, sequence: str) -> Config:
-    """The config of a setting that is the same for every sequence."""
-    del sequence
-    return config
+def _constant(config: Config) -> Callable[[str], Config]:
+    """The config of a setting that does not depend on the sequence."""
+    return lambda sequence: config

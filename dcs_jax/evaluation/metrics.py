@@ -1,7 +1,7 @@
-"""How far a track is from the annotation, frame by frame and as one number.
+"""How far a track is from the annotation, for each frame and as one number.
 
 Boxes are x, y, w, h in pixels, (x, y) the top-left corner. A row of the annotation with a NaN is
-unlabelled: the per-frame functions give NaN there and the summaries leave it out. The conventions
+unlabelled: the functions of frames give NaN there, and the summaries leave it out. The conventions
 are those of OTB (Wu et al., TPAMI 2015) and of the GOT-10k toolkit:
 
     centre error        plain (unsquared) distance of the centres in pixels
@@ -11,10 +11,10 @@ are those of OTB (Wu et al., TPAMI 2015) and of the GOT-10k toolkit:
                         thresholds); P@20 is its value at 20 pixels
     normalised          the same with the error's x and y in sides of the annotated box, at most
     precision           0, 0.01, ..., 0.5 (51 thresholds); its mean is the AUC (TrackingNet)
-    losses              hysteresis: a loss begins at an overlap of at most 0.1 and ends at one
+    failures            hysteresis: a failure begins at an overlap of at most 0.1 and ends at one
                         above 0.5
 
-The first frame, whose box is given, counts like any other.
+The first frame, whose box is the label itself, counts like any other.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ OVERLAP_THRESHOLDS = np.linspace(0, 1, 21)
 PIXEL_THRESHOLDS = np.arange(51)
 SIDE_THRESHOLDS = np.linspace(0, 0.5, 51)
 PRECISION_AT = 20  # pixels, and the index of that threshold
-LOST, HELD = 0.1, 0.5  # overlaps at which a loss begins and ends
+LOST, HELD = 0.1, 0.5  # overlaps at which a failure begins and ends
 
 
 def centre_error(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -79,11 +79,11 @@ def normalised_precision_curve(boxes: ArrayLike, truth: ArrayLike) -> NDArray[np
     return np.mean(errors[~np.isnan(errors), None] <= SIDE_THRESHOLDS, axis=0)
 
 
-def losses(boxes: ArrayLike, truth: ArrayLike) -> list[int]:
+def failures(boxes: ArrayLike, truth: ArrayLike) -> list[int]:
     """The frames at which the target was lost.
 
-    A loss begins at a labelled frame with an overlap of at most `LOST`; the next one can only
-    begin after a labelled frame with an overlap above `HELD`.
+    A failure begins at a labelled frame with an overlap of at most `LOST`. The next failure can
+    only begin after a labelled frame with an overlap above `HELD`.
     """
     frames, held = [], True
     for t, value in enumerate(overlap(boxes, truth)):
@@ -103,7 +103,7 @@ class Scores(NamedTuple):
     auc: in [0, 1], area under the success curve.
     precision: in [0, 1], P@20.
     normalised_precision: in [0, 1], area under its curve.
-    losses: how often the target was lost.
+    failures: number of times that the target was lost.
     """
 
     centre_error: float
@@ -111,18 +111,18 @@ class Scores(NamedTuple):
     auc: float
     precision: float
     normalised_precision: float
-    losses: float
+    failures: float
 
 
 def scores(boxes: ArrayLike, truth: ArrayLike) -> Scores:
-    """All summaries of the boxes [T, 4] of one run beside its annotation [T, 4]."""
+    """All summaries of the boxes [T, 4] of one run, with the annotation [T, 4]."""
     return Scores(
         mean_centre_error(boxes, truth),
         success_rate(boxes, truth),
         float(success_curve(boxes, truth).mean()),
         float(precision_curve(boxes, truth)[PRECISION_AT]),
         float(normalised_precision_curve(boxes, truth).mean()),
-        float(len(losses(boxes, truth))),
+        float(len(failures(boxes, truth))),
     )
 
 

@@ -1,4 +1,4 @@
-"""What is known of single sequences: the paper's names for them and the authors' constants.
+"""Facts about single sequences: the paper's names for them and the authors' constants.
 
 The data is in paper.toml, with its sources.
 """
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def paper_name(sequence: str) -> str | None:
-    """The name the paper's tables have for a sequence (its `animal` is OTB's Deer), or None."""
+    """The name of a sequence in the paper's tables (OTB's Deer is `animal`), or None."""
     lowered = sequence.lower()
     for name, folders in _data()["folders"].items():
         if lowered in (folder.lower() for folder in folders):
@@ -21,7 +21,7 @@ def paper_name(sequence: str) -> str | None:
 def authors_constants(sequence: str) -> dict[str, Any]:
     """Fields of `Config` as the authors' code sets them for a sequence.
 
-    For a sequence that is not in the paper, as it sets them in general.
+    For a sequence that is not in the paper these are their general constants.
     """
     authors = _data()["authors"]
     special = authors["sequences"].get(paper_name(sequence), {})
@@ -32,7 +32,7 @@ def authors_constants(sequence: str) -> dict[str, Any]:
 
 
 def otb_frame_range(sequence: str) -> tuple[int, int] | None:
-    """First and last frame, from 1, where OTB takes a part of a sequence only; otherwise None."""
+    """First and last frame, from 1, where OTB takes only a part of a sequence; otherwise None."""
     frames = _data()["otb_frames"].get(sequence)
     return None if frames is None else (frames[0], frames[1])
 

@@ -1,12 +1,12 @@
-"""Where and with which box a tracker is started: OTB's three protocols.
+"""At which frame and with which box a tracker is started: OTB's three protocols.
 
     ope  one pass: from the first labelled frame, with its label
     tre  temporal robustness: from 20 frames spread evenly over the sequence, each to its end
     sre  spatial robustness: from the first frame with 12 wrong boxes: shifted by a tenth of the
          target's side to the 4 sides and the 4 corners, and scaled by 0.8, 0.9, 1.1 and 1.2
 
-TRE starts at labelled frames that leave 20 frames or more; where the sequence has fewer such
-frames than 20, it starts at each of them. The runs of a protocol count alike.
+TRE starts at labelled frames that leave 20 frames or more. Where a sequence has fewer than 20 such
+frames, it starts at each. All runs of a protocol have the same weight.
 """
 
 from typing import Literal, NamedTuple

@@ -1,4 +1,4 @@
-"""What a result depends on, as short digests: nothing stale is reused, nothing good run again."""
+"""What a result depends on, as short digests: only results of the same digest are reused."""
 
 import functools
 import hashlib
@@ -21,7 +21,7 @@ SOURCES = (
     "io/frames.py",
     "evaluation/runner.py",
 )
-PEER_SOURCES = ("io/frames.py", "evaluation/peers.py")
+BASELINE_SOURCES = ("io/frames.py", "evaluation/baselines.py")
 
 
 @functools.cache
@@ -31,19 +31,19 @@ def code_version() -> str:
 
 
 @functools.cache
-def peer_version() -> str:
-    """The same for the trackers of OpenCV."""
-    return digest([_sources(PEER_SOURCES), cv2.__version__])
+def baseline_version() -> str:
+    """Digest of the sources that decide the boxes of a baseline, and of the version of OpenCV."""
+    return digest([_sources(BASELINE_SOURCES), cv2.__version__])
 
 
 def digest(value: Any) -> str:
-    """Digest of anything JSON can hold, and of the `str` of the rest."""
+    """Digest of a value as JSON; what JSON cannot hold counts by its `str`."""
     text = json.dumps(value, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def environment() -> dict[str, Any]:
-    """What the results were made with."""
+    """Versions and machine that the results are made with."""
     return {
         "dcs_jax": dcs_jax.__version__,
         "jax": jax.__version__,

@@ -1,14 +1,14 @@
-"""Results on disk. Everything the report shows is computed from them.
+"""Results on disk. Everything in the report is computed from them.
 
     runs/SEQUENCE/SETTING/START.npz         boxes, confidences, seeds and what they depend on
     runs/SEQUENCE/SETTING/START-seed00.txt  the same boxes as OTB text, one x,y,w,h a line
     sequences/SEQUENCE.npz                  labels and some small frames for the film strips
-    published.csv                           columns of other people's results, if any were given
+    published.csv                           other people's results, if there are any
     skipped.csv                             what could not be run, and why
-    results.csv, summary.json, summary.md   numbers, by `tables`
-    index.html, overview.png                the page and a picture, by `report`
+    results.csv, summary.json, summary.md   numbers, by `report.tables`
+    index.html, overview.png                the page and a picture, by `report.page`
 
-Files are written to a temporary name and renamed, so that none is ever half there.
+Files are written to a temporary name and renamed, so that none is ever half written.
 """
 
 import csv
@@ -25,22 +25,24 @@ from numpy.typing import NDArray
 from dcs_jax.evaluation.datasets import Sequence
 from dcs_jax.io.files import atomic, safe_name, write_table
 
-PICTURES = 48  # frames kept of a sequence
+PICTURES = 48  # frames of a sequence that are kept
 PICTURE_WIDTH = 480  # pixels at most
 JPEG_QUALITY = 80
-# What reading a file raises that is damaged, or of another version.
+# Raised by reading a file that is damaged, or of another version.
 UNREADABLE = (ValueError, KeyError, TypeError, EOFError, OSError, zipfile.BadZipFile)
 
 
 class Record(NamedTuple):
     """The runs of one setting from one start on one sequence.
 
-    start, frame: name of the start and its first frame.
-    seeds: [S]. boxes: [S, T, 4] float32, x, y, w, h in pixels, T from the first frame on.
-    confidence: [S, T] float32, NaN for a tracker that has none.
-    seconds: of tracking all S seeds.
+    start: name of the start.
+    frame: first frame of the sequence that is tracked.
+    seeds: [S].
+    boxes: [S, T, 4] float32, x, y, w, h in pixels, from the first frame on.
+    confidence: [S, T] float32, NaN for a tracker without confidence.
+    seconds: time of tracking all S seeds.
     key: digest of all that the boxes depend on: setting, code, data, start.
-    about: the same in words, for the summary.
+    about: the same in words, and what it was run with, for the summary.
     """
 
     sequence: str
@@ -59,8 +61,9 @@ class Labels(NamedTuple):
     """What is kept of a sequence.
 
     truth: [T, 4], x, y, w, h in pixels, NaN where unlabelled.
-    shown: [P] frames of which there is a picture. pictures: P encoded JPEG images.
-    size: rows and columns of the frames.
+    shown: [P], frames of which there is a picture.
+    pictures: P JPEG images, encoded.
+    size: rows and columns of the frames, pixels.
     data: digest of labels and files.
     """
 
@@ -85,7 +88,7 @@ class Published(NamedTuple):
 
 
 class Skipped(NamedTuple):
-    """What could not be run: a sequence, or one setting from one start on it, and why."""
+    """What could not be run, and why: a sequence, or one setting from one start on it."""
 
     sequence: str
     run: str
@@ -102,7 +105,7 @@ class Results:
         self.folder = Path(folder)
 
     def find(self, sequence: str, setting: str, start: str) -> Record | None:
-        """The record of these names, if there is one that can be read."""
+        """The record of these names; None unless there is one that can be read."""
         path = self._path(sequence, setting, start)
         return _read_record(path) if path.is_file() else None
 
@@ -116,7 +119,7 @@ class Results:
             {name: getattr(record, name) for name in ("sequence", "setting", "start", "frame")}
             | {"seconds": record.seconds, "key": record.key, "about": record.about}
         )
-        with atomic(path) as file:  # last: where it is, the others are
+        with atomic(path) as file:  # last: where this file is, the others are complete
             np.savez_compressed(
                 file,
                 about=about,
@@ -136,7 +139,7 @@ class Results:
     ) -> None:
         """Store the labels of a sequence and small pictures of frames spread evenly over it.
 
-        data: the sequence's fingerprint.
+        data: fingerprint of the sequence.
         """
         labelled = np.flatnonzero(~np.isnan(sequence.truth).any(axis=1))
         chosen = np.linspace(0, len(labelled) - 1, min(PICTURES, len(labelled))).round()
@@ -155,23 +158,23 @@ class Results:
             )
 
     def keeps_sequence(self, name: str, data: str) -> bool:
-        """Whether the labels and pictures of the sequence with this fingerprint are there."""
+        """Whether labels and pictures of the sequence with this fingerprint are stored."""
         path = self._labels_path(name)
         kept = _read_labels(path) if path.is_file() else None
         return kept is not None and kept.data == data
 
     def labels(self) -> dict[str, Labels]:
-        """What is kept of every sequence, by its name."""
+        """What is kept of every sequence, by the name of the sequence."""
         paths = sorted(self.folder.glob("sequences/*.npz"))
         kept = (_read_labels(path) for path in paths)
         return {labels.sequence: labels for labels in kept if labels is not None}
 
     def write_published(self, published: Iterable[Published]) -> None:
-        """Store other people's results beside ours."""
+        """Store other people's results."""
         write_table(self.folder / "published.csv", Published._fields, published)
 
     def published(self) -> list[Published]:
-        """What `write_published` has stored."""
+        """Other people's results, as stored."""
         path = self.folder / "published.csv"
         if not path.is_file():
             return []
@@ -190,12 +193,12 @@ class Results:
             ]
 
     def write_skipped(self, skipped: Iterable[Skipped], tried: Container[str]) -> None:
-        """Store what was skipped; what is known of sequences that were not `tried` now stays."""
+        """Store what was skipped, and keep the earlier rows of sequences not `tried` now."""
         rows = [row for row in self.skipped() if row.sequence not in tried]
         write_table(self.folder / "skipped.csv", Skipped._fields, [*rows, *skipped])
 
     def skipped(self) -> list[Skipped]:
-        """What `write_skipped` has stored."""
+        """What was skipped, as stored."""
         path = self.folder / "skipped.csv"
         if not path.is_file():
             return []
@@ -210,24 +213,25 @@ class Results:
 
 
 def read_published(folder: str | Path) -> list[Published]:
-    """Other people's results: every CSV of a folder that has the columns for it.
+    """Read other people's results from every CSV file of a folder that has the columns.
 
     Columns: sequence, tracker, success_rate, runs, centre_error_px or centre_error_px_mean, and
     optionally centre_error_px_sd.
 
-    Raises ValueError where there is no such folder, no file has them, or a number is none.
+    Raises ValueError where the folder does not exist, no file has the columns, or a field is not a
+    number.
     """
     published = []
     folder = Path(folder)
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder: expected a folder of tables of published results")
+        raise ValueError(f"{folder} is not a folder: expected a folder of published results")
     for path in sorted(folder.glob("*.csv")):
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
         for n, row in enumerate(rows, 2):
             error = row.get("centre_error_px_mean") or row.get("centre_error_px")
             if error is None or not {"sequence", "tracker", "success_rate", "runs"} <= row.keys():
-                break  # another kind of table
+                break  # a table of something else
             try:
                 numbers = (
                     float(error),
@@ -247,7 +251,7 @@ def read_published(folder: str | Path) -> list[Published]:
 
 
 def _read_record(path: Path) -> Record | None:
-    """A record; None where the file is none, as one of another version."""
+    """Read a record; None where the file is damaged or of another version."""
     try:
         with open(path, "rb") as handle, np.load(handle) as file:
             about = json.loads(str(file["about"]))

@@ -23,10 +23,13 @@ PRESETS: dict[str, Callable[[str], Config]] = {
 }
 
 
-GROUPS = {name: type(getattr(Config(), name)) for name in COMPONENTS}
 FIELDS = [
     *(field.name for field in dataclasses.fields(Config)),
-    *(f"{name}.{field.name}" for name in GROUPS for field in dataclasses.fields(GROUPS[name])),
+    *(
+        f"{name}.{field.name}"
+        for name, group in COMPONENTS.items()
+        for field in dataclasses.fields(group)
+    ),
 ]
 
 
@@ -83,8 +86,8 @@ def _parse_change(text: str) -> tuple[str, Any]:
             f"{text!r} is not a change of a field: expected NAME=VALUE with a name of "
             f"{', '.join(FIELDS)}"
         )
-    if name in GROUPS and word in ("none", "default"):
-        value = GROUPS[name]() if word == "default" else None
+    if name in COMPONENTS and word in ("none", "default"):
+        value = COMPONENTS[name]() if word == "default" else None
     return name, value
 
 

@@ -13,10 +13,10 @@ RESAMPLES = 9999  # random choices of signs; up to 13 differences have fewer, an
 
 
 class Spread(NamedTuple):
-    """What n values of one number over seeds say.
+    """A summary of n values of one number over seeds.
 
-    mean, sd: and standard deviation, with n - 1 below the root. least, greatest: of them.
-    low, high: 95 % interval of the mean by Student's t. sd and interval are NaN for one value.
+    sd: standard deviation, with n - 1 below the root; NaN for one value.
+    low, high: 95 % interval of the mean by Student's t; NaN for one value.
     """
 
     mean: float
@@ -43,9 +43,10 @@ def spread(values: ArrayLike) -> Spread:
 class Paired(NamedTuple):
     """The difference of two settings on the same n seeds.
 
-    difference: mean of first minus second. low, high: its 95 % interval by Student's t.
-    p: two-sided, that the signs of the differences are chance (a permutation test, so that no
-        distribution is assumed: single runs are lost or not, which is far from normal).
+    difference: mean of first minus second.
+    low, high: its 95 % interval by Student's t.
+    p: two-sided, that the signs of the differences are chance. A permutation test, which assumes no
+        distribution: a run loses its target or does not, which is far from normal.
     """
 
     difference: float
@@ -58,7 +59,7 @@ class Paired(NamedTuple):
 def paired(first: ArrayLike, second: ArrayLike) -> Paired:
     """Compare the values [n] of two settings, seed by seed.
 
-    Raises ValueError for other shapes than two of [n] with n at least 2.
+    Raises ValueError unless both have the same shape [n], n at least 2.
     """
     first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if first.shape != second.shape or first.ndim != 1 or len(first) < 2:
@@ -108,9 +109,9 @@ def welch_test(values: ArrayLike, mean: float, sd: float, n: int) -> WelchTest:
 
 
 def ranks(values: Sequence[float], least_is_best: bool) -> list[int]:
-    """Rank of each value, 1 the best; equal ones share it. NaN has rank 0.
+    """Rank of each value, 1 for the best. Equal values share a rank; NaN has rank 0.
 
-    Values are compared as given: round them first to how they are shown.
+    Values are compared exactly: round them before, as they are shown.
     """
     signed = np.asarray(values, np.float64) * (1 if least_is_best else -1)
     found = scipy.stats.rankdata(signed, method="dense", nan_policy="omit")

@@ -1,8 +1,8 @@
-"""From boxes to numbers: one row a run, means over seeds, tests.
+"""From boxes to numbers: one row for each run, means over seeds, tests.
 
-A number of a setting over several sequences is the mean of the sequences' numbers, seed by seed,
+A number of a setting over several sequences is the mean of the sequences' numbers, for each seed,
 so that its deviation and interval are over seeds. Only sequences and starts that every setting has
-count in it.
+count.
 """
 
 import itertools
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dcs_jax.evaluation.metrics import Scores, losses, precision_curve, scores, success_curve
+from dcs_jax.evaluation.metrics import Scores, failures, precision_curve, scores, success_curve
 from dcs_jax.evaluation.paper import paper_name
 from dcs_jax.evaluation.results import Labels, Published, Record, Results
 from dcs_jax.evaluation.statistics import (
@@ -37,8 +37,9 @@ REPEATS = {
 class Row(NamedTuple):
     """One run.
 
-    lost_at: frames of the losses, counted from the run's first. frames: T.
-    frames_per_second: of all seeds of the run's batch together.
+    failures_at: frames of the failures, counted from the run's first frame.
+    frames: number of frames T.
+    frames_per_second: track-frames per second of the run's batch, all seeds together.
     """
 
     sequence: str
@@ -46,13 +47,16 @@ class Row(NamedTuple):
     start: str
     seed: int
     scores: Scores
-    lost_at: list[int]
+    failures_at: list[int]
     frames: int
     frames_per_second: float
 
 
 class Comparison(NamedTuple):
-    """Two settings, seed by seed, on one sequence, or on the mean of all ("" for the sequence)."""
+    """Two settings on the same seeds.
+
+    sequence: its name; "" for the mean over all sequences.
+    """
 
     sequence: str
     first: str
@@ -62,7 +66,7 @@ class Comparison(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """A setting's centre error on a sequence beside published runs of which the sd is known.
+    """A setting's centre error on a sequence, against published runs whose deviation is known.
 
     test: None for fewer than `FEWEST_SEEDS` seeds.
     """
@@ -77,16 +81,17 @@ class Agreement(NamedTuple):
 class Summary(NamedTuple):
     """All numbers of one or more folders of results.
 
-    records, labels: what they are computed from, by (sequence, setting, start) and by sequence.
-    rows: one a run.
+    records: what the numbers are computed from, by (sequence, setting, start).
+    labels: what is kept of each sequence.
+    rows: one for each run.
     sequences, settings: names, in the order of the report.
-    common: the (sequence, start) that every setting has: what means over sequences are of.
-    overall: number by setting and metric, over the common ones.
-    by_sequence: the same by (sequence, setting).
+    common: (sequence, start) that every setting has; means over sequences are of these.
+    overall: numbers by setting, then by metric, over the common ones.
+    by_sequence: numbers by (sequence, setting), then by metric.
     curves: success [21] and precision [51] curve by setting, over the common ones.
     speed: track-frames per second by setting.
-    paired, agreement: the tests.
-    published: other people's results, of these sequences only, under the sequences' names here.
+    paired, agreement: tests.
+    published: other people's results of these sequences, under the sequences' names here.
     notes: what a reader has to know, such as results of different code in one table.
     """
 
@@ -109,8 +114,8 @@ class Summary(NamedTuple):
 def summarise(folders: Sequence[Results]) -> Summary:
     """Compute all numbers of the results of one or more folders, as if they were one.
 
-    Where two folders have the same sequence, setting and start, the first one counts; a sequence
-    that is not labelled alike in them is only taken from the first.
+    Where two folders have the same sequence, setting and start, the first one counts. Results on
+    other labels or frames of a sequence than the first folder has are left out, with a note.
     """
     notes: list[str] = []
     labels: dict[str, Labels] = {}
@@ -181,7 +186,7 @@ def _rows(record: Record, labels: Labels) -> list[Row]:
             record.start,
             int(seed),
             scores(boxes, truth),
-            losses(boxes, truth),
+            failures(boxes, truth),
             len(truth),
             rate,
         )
@@ -198,9 +203,9 @@ def _table(rows: Iterable[Row]) -> Table:
 
 
 def _per_seed(runs: dict[Run, dict[int, Scores]], wanted: Iterable[Run]) -> dict[int, Scores]:
-    """Mean scores over some runs, for every seed that all of them have.
+    """Mean scores over some runs, for every seed that all runs have.
 
-    Starts of a sequence count within it, so that all sequences weigh alike.
+    The starts of a sequence are averaged first, so that all sequences have the same weight.
     """
     by_sequence: dict[str, list[dict[int, Scores]]] = {}
     for run in wanted:
@@ -230,7 +235,7 @@ def _curves(
     setting: str,
     common: Iterable[Run],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Success [21] and precision [51] curve: mean over seeds, starts and sequences."""
+    """Success [21] and precision [51] curve, each a mean over seeds, starts and sequences."""
     by_sequence: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = {}
     for sequence, start in common:
         record = records[sequence, setting, start]
@@ -280,7 +285,7 @@ def _comparisons(
 def _agreements(
     table: Table, records: dict[tuple[str, str, str], Record], published: Iterable[Published]
 ) -> list[Agreement]:
-    """Every setting beside the published runs it repeats, where their deviation is known."""
+    """Every setting against the published runs that it repeats, where their deviation is known."""
     found = []
     for theirs in published:
         if not (theirs.runs > 1 and theirs.sd > 0):
@@ -299,7 +304,7 @@ def _agreements(
 
 
 def _published(folders: Iterable[Results], sequences: Iterable[str]) -> list[Published]:
-    """Other people's results on these sequences, under the names that they have here."""
+    """Other people's results on these sequences, under the sequences' names here."""
     rows = dict.fromkeys(row for results in folders for row in results.published())
     return [
         row._replace(sequence=sequence)
@@ -311,11 +316,11 @@ def _published(folders: Iterable[Results], sequences: Iterable[str]) -> list[Pub
 
 def _notes(records: dict[tuple[str, str, str], Record], common: Sequence[Run]) -> list[str]:
     notes = []
-    codes = {r.about["code"] for r in records.values() if "peer" not in r.about["config"]}
+    codes = {r.about["code"] for r in records.values() if "baseline" not in r.about["config"]}
     if len(codes) > 1:
-        notes.append(f"results of {len(codes)} versions of the code stand side by side")
+        notes.append(f"results of {len(codes)} versions of the code are in one table")
     if len({start[:3] for _, start in common}) > 1:
-        notes.append("results of several protocols stand side by side: their starts count alike")
+        notes.append("results of several protocols are in one table: all starts count alike")
     every, shared = {sequence for sequence, _, _ in records}, {sequence for sequence, _ in common}
     if every and not shared:
         notes.append("no sequence has been run with every setting: there are no means over all")
@@ -328,11 +333,11 @@ def _notes(records: dict[tuple[str, str, str], Record], common: Sequence[Run]) -
 
 
 def _setting_order(name: str) -> tuple[int, str]:
-    """Presets in their order, changes of them after them, OpenCV last."""
-    places = ["default", "paper", "authors"]
+    """Presets in their order, then changed presets, then other settings, OpenCV last."""
+    presets = ["default", "paper", "authors"]
     preset = name.split()[0]
-    if preset in places:
-        return places.index(preset) + len(places) * (name != preset), name
+    if preset in presets:
+        return presets.index(preset) + len(presets) * (name != preset), name
     return 100 if preset == "OpenCV" else 50, name
 
 
@@ -347,7 +352,7 @@ def published_columns(summary: Summary) -> dict[tuple[str, str], dict[str, Publi
 def mean_published(
     cells: dict[str, Published], sequences: Iterable[str]
 ) -> tuple[float, float] | None:
-    """Mean centre error and success rate of a published column, None if it lacks a sequence."""
+    """Mean centre error and success rate of a published column; None if it lacks a sequence."""
     found = [cells.get(sequence) for sequence in sequences]
     present = [(cell.centre_error, cell.success_rate) for cell in found if cell is not None]
     if len(present) < len(found):

@@ -43,7 +43,7 @@ def score(similarity: Float[Array, ""], settings: Verification) -> Float[Array, 
     return jax.nn.sigmoid(settings.slope * (similarity - settings.middle))
 
 
-def count(
+def step(
     state: VerificationState, confidence: Float[Array, ""], settings: Verification
 ) -> VerificationState:
     """The state with the frames in which the object was missed, 0 where it is verified.

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from dcs_jax import tracker
-from dcs_jax.config import Config
+from dcs_jax.config import COMPONENTS, Config
 from dcs_jax.core.haar import draw_pool
 from dcs_jax.runners.programs import (
     InitArguments,
@@ -173,7 +173,8 @@ def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
 
 def _spread(config: Config, size: int) -> Config:
     """The settings with an array [S] for each number; ValueError where one has another shape."""
-    presets = Config()
+    # With all components, whether the default has them or not.
+    presets = Config(**{name: group() for name, group in COMPONENTS.items()})
 
     def spread(path: Any, number: Any) -> NDArray[np.generic]:
         name = jax.tree_util.keystr(path, simple=True, separator=".")

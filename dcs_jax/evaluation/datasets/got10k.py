@@ -1,7 +1,7 @@
 """The layout of GOT-10k (Huang et al., TPAMI 2021): NAME/%08d.jpg, groundtruth.txt, absence.label.
 
-absence.label has one line a frame, 1 where the target is not to be seen: such a frame counts as
-unlabelled. The hidden test split, which labels one frame only, is refused.
+absence.label has one line for each frame, 1 where the target is out of view: such a frame counts as
+unlabelled. The hidden test split, which has only one label, is refused.
 """
 
 import functools
@@ -18,7 +18,7 @@ MARKS = (ABSENCE, "cover.label", "cut_by_image.label", "meta_info.ini")
 
 
 def entries(folder: Path, name: str) -> list[Entry]:
-    """The sequence of a folder in the layout of GOT-10k; none for another layout."""
+    """The sequence of a folder in the layout of GOT-10k; [] for other layouts."""
     if not any((folder / mark).is_file() for mark in MARKS):
         return []
     return [Entry(name, functools.partial(_load, name, folder))]

@@ -1,7 +1,7 @@
 """The layout of MIL (Babenko et al., CVPR 2009): imgs/img%05d.png, *_gt.txt, *_frames.txt.
 
-*_gt.txt has x, y, w, h for every frame, zeros where it is unlabelled, which is on all but every
-5th. *_frames.txt has the numbers of the first and the last image.
+*_gt.txt has x, y, w, h for every frame, zeros where it is unlabelled: only every 5th is labelled.
+*_frames.txt has the numbers of the first and the last image.
 """
 
 import functools
@@ -12,7 +12,7 @@ from dcs_jax.io.annotations import parse_numbers, read_boxes
 
 
 def entries(folder: Path, name: str) -> list[Entry]:
-    """The sequence of a folder in the layout of MIL; none for another layout."""
+    """The sequence of a folder in the layout of MIL; [] for other layouts."""
     annotations = sorted(folder.glob("*_gt.txt"))
     if not annotations and not (folder / "imgs").is_dir():
         return []

@@ -1,9 +1,9 @@
 """The layout of OTB (Wu et al., TPAMI 2015): NAME/img/*.jpg with NAME/groundtruth_rect.txt.
 
-A line is x, y, w, h with commas, tabs or blanks between; NaN or zeros stand for no label. Sequences
-with several targets have groundtruth_rect.1.txt, .2.txt and so on and become NAME-1, NAME-2; empty
-ones beside others are placeholders. Images may be numbered from any number. Where a sequence has
-more images than labels, OTB's own list of frame ranges (paper.toml) says which of them count.
+A line is x, y, w, h, separated by commas, tabs or blanks; NaN or zeros stand for no label. With
+several targets, a sequence has groundtruth_rect.1.txt, .2.txt and so on and becomes NAME-1, NAME-2;
+empty files among several are placeholders. Images may be numbered from any number. Where a sequence
+has more images than labels, OTB's own list of frame ranges (paper.toml) says which images count.
 """
 
 import functools
@@ -18,7 +18,7 @@ PATTERN = re.compile(r"groundtruth_rect(\.\d+)?\.txt")
 
 
 def entries(folder: Path, name: str) -> list[Entry]:
-    """The sequences of a folder in the layout of OTB, one a target; none for another layout."""
+    """The sequences of a folder in the layout of OTB, one for each target; [] for other layouts."""
     annotations = sorted(path for path in folder.iterdir() if PATTERN.fullmatch(path.name))
     if not annotations:
         if not (folder / "img").is_dir():

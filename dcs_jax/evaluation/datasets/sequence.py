@@ -1,4 +1,4 @@
-"""What every reader of a data set yields: a name, frames and labels."""
+"""What every reader of a data set returns: a name, frames and labels."""
 
 import hashlib
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from dcs_jax.io.frames import IMAGE_SUFFIXES, FrameSource, open_source
 class Sequence(NamedTuple):
     """A labelled sequence, from its first labelled frame on.
 
-    name: as `find_sequences` gives it.
-    frames: opened and checked, not yet read.
+    name: name as in `find_sequences`.
+    frames: source of the frames, opened and checked, not yet read.
     truth: [T, 4] float64, x, y, w, h in pixels, NaN where unlabelled; the first row is labelled.
     """
 
@@ -25,10 +25,10 @@ class Sequence(NamedTuple):
     truth: NDArray[np.float64]
 
     def fingerprint(self) -> str:
-        """A digest of the labels and of the files of the frames, their names and contents.
+        """A digest of the labels, and of the names and contents of the files of the frames.
 
-        Reading the files is a small part of decoding them, and their sizes alone are not enough:
-        those of uncompressed images stay the same whatever is drawn into them.
+        Reading the files is a small part of decoding them. Their sizes would not be enough:
+        uncompressed images have the same size whatever they show.
         """
         path = self.frames.path
         files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -41,9 +41,9 @@ class Sequence(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A sequence that was found and not yet opened.
+    """A sequence that is found and not yet opened.
 
-    load: opens it; ValueError or OSError says what is wrong with it.
+    load: opens the sequence; raises ValueError or OSError, which say what is wrong with it.
     """
 
     name: str
@@ -58,12 +58,13 @@ def open_sequence(
     start: int = 0,
     end: int | None = None,
 ) -> Sequence:
-    """The frames `start` to `end` of a source with their labels, cut at the first labelled frame.
+    """The frames `start` to `end` of a source with their labels, from the first labelled frame on.
 
-    truth: [end - start, 4], one row a frame, from `annotation`, which is named in messages.
+    truth: [end - start, 4], one row for each frame.
+    annotation: file of the labels, for messages.
 
     Raises ValueError where frames and labels differ in number, no frame is labelled, or the first
-    label is no box that can be tracked.
+    label is not a box that can be tracked.
     """
     frames = open_source(source, start, end)
     if frames.length is None:
@@ -71,7 +72,7 @@ def open_sequence(
     if len(truth) != frames.length:
         raise ValueError(
             f"{annotation} labels {len(truth)} frames, but {source} has {frames.length}: "
-            "expected one label a frame"
+            "expected one label for each frame"
         )
     labelled = np.flatnonzero(~np.isnan(truth).any(axis=1))
     if not labelled.size:
@@ -84,12 +85,12 @@ def open_sequence(
 
 
 def holds_images(folder: Path) -> bool:
-    """Whether a folder has images in it."""
+    """Whether there are images in a folder."""
     return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
 
 
 def count_images(folder: Path) -> int:
-    """The number of images in a folder; ValueError if there is no such folder."""
+    """The number of images in a folder. Raises ValueError if there is no such folder."""
     if not folder.is_dir():
         raise ValueError(f"{folder} does not exist: expected a folder of images")
     return sum(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())

@@ -1,8 +1,8 @@
-"""A plain video with a table of boxes: NAME.mp4 (or avi, mkv ...) beside NAME.csv.
+"""A video with a table of boxes: NAME.mp4 (or avi, mkv ...) and NAME.csv in one folder.
 
-The table has a header with the columns frame, x, y, w, h in any order (others are ignored); frames
-are counted from 0, and one without a row is unlabelled. `dcs-jax track` writes such tables. Without
-a header it has one x,y,w,h a line and frame.
+The table has a header with the columns frame, x, y, w, h in any order (others are ignored). Frames
+are counted from 0; those without a row are unlabelled. `dcs-jax track` writes such tables. Without
+a header, the table has one line x,y,w,h for each frame.
 """
 
 import csv
@@ -21,7 +21,7 @@ COLUMNS = ("frame", "x", "y", "w", "h")
 
 
 def entries(folder: Path, prefix: str) -> list[Entry]:
-    """The videos of a folder; one without a table fails on loading."""
+    """The videos of a folder; a video without a table fails on loading."""
     return [
         Entry(prefix + path.stem, functools.partial(_load, prefix + path.stem, path))
         for path in sorted(folder.iterdir())
@@ -32,7 +32,7 @@ def entries(folder: Path, prefix: str) -> list[Entry]:
 def _load(name: str, video: Path) -> Sequence:
     table = video.with_suffix(".csv")
     if not table.is_file():
-        raise ValueError(f"{video} has no table of boxes beside it: expected {table.name}")
+        raise ValueError(f"{video} has no table of boxes: expected {table.name} in its folder")
     length = open_source(video).length
     header = [field.strip().lower() for field in read_lines(table)[0].split(",")]
     if "frame" not in header:
@@ -51,14 +51,14 @@ def _read_table(path: Path, header: list[str], length: int) -> NDArray[np.float6
         rows = csv.reader(file)
         next(rows)
         for n, row in enumerate(rows, 2):
-            place = f"{path}, line {n}"
+            where = f"{path}, line {n}"
             try:
                 frame, *box = (float(row[header.index(column)]) for column in COLUMNS)
             except (ValueError, IndexError):
-                raise ValueError(f"{place} is {','.join(row)!r}: expected numbers") from None
+                raise ValueError(f"{where} is {','.join(row)!r}: expected numbers") from None
             if not (frame.is_integer() and 0 <= frame < length):
-                raise ValueError(f"{place} names frame {frame:g}: the video has {length} frames")
+                raise ValueError(f"{where} names frame {frame:g}: the video has {length} frames")
             if not (np.isnan(box).any() or (np.isfinite(box).all() and min(box[2:]) > 0)):
-                raise ValueError(f"{place} is {','.join(row)!r}: expected w and h positive")
+                raise ValueError(f"{where} is {','.join(row)!r}: expected w and h positive")
             truth[int(frame)] = np.nan if np.isnan(box).any() else box
     return truth

@@ -1,6 +1,6 @@
-"""The layout of VOT: groundtruth.txt with the images in color/ (2018 on) or beside it.
+"""The layout of VOT: groundtruth.txt, with the images in color/ (2018 on) or in the same folder.
 
-A line has 4 numbers, x, y, w, h, or 8, the corners of a polygon: it becomes the smallest upright
+A line has 4 numbers, x, y, w, h, or 8, the corners of a polygon, which becomes the smallest upright
 box around it. NaN or zeros stand for no label. Masks (lines that begin with m) are refused.
 """
 
@@ -17,7 +17,7 @@ ANNOTATION = "groundtruth.txt"
 
 
 def entries(folder: Path, name: str) -> list[Entry]:
-    """The sequence of a folder in the layout of VOT; none for another layout."""
+    """The sequence of a folder in the layout of VOT; [] for other layouts."""
     if not ((folder / ANNOTATION).is_file() or (folder / "color").is_dir()):
         return []
     return [Entry(name, functools.partial(_load, name, folder))]
@@ -30,17 +30,17 @@ def _load(name: str, folder: Path) -> Sequence:
 
 
 def read_polygons(path: Path) -> NDArray[np.float64]:
-    """Boxes [T, 4] of an annotation with 4 or 8 numbers a line; NaN for no label.
+    """Boxes [T, 4] of an annotation with 4 or 8 numbers in a line; NaN for no label.
 
-    Raises ValueError, naming the line, where a line is neither.
+    Raises ValueError, naming the line, where a line has neither.
     """
     lines = read_lines(path)
     return np.array([_box(line, f"{path}, line {n}") for n, line in enumerate(lines, 1)])
 
 
-def _box(line: str, place: str) -> list[float]:
+def _box(line: str, where: str) -> list[float]:
     expected = "4 numbers x,y,w,h or 8, the corners of a polygon"
-    numbers = np.array(parse_numbers(line, place, (4, 8), expected))
+    numbers = np.array(parse_numbers(line, where, (4, 8), expected))
     if np.isnan(numbers).any() or not numbers.any():
         return [np.nan] * 4
     if len(numbers) == 8:
@@ -48,6 +48,6 @@ def _box(line: str, place: str) -> list[float]:
         numbers = np.concatenate([corners.min(axis=0), np.ptp(corners, axis=0)])
     if not np.isfinite(numbers).all() or (numbers[2:] <= 0).any():
         raise ValueError(
-            f"{place} is {line.strip()!r}: expected finite numbers and a positive size"
+            f"{where} is {line.strip()!r}: expected finite numbers and a positive size"
         )
     return [float(number) for number in numbers]

@@ -1,4 +1,4 @@
-"""The results as a page and as files. The page needs matplotlib and jinja2, the extra `report`."""
+"""Results as a page and as files. The page needs matplotlib and jinja2, the extra `report`."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """One page of all results: a single HTML file that opens without a network.
 
-Needs matplotlib and jinja2 (the extra `report`). All that is on the page comes from a `Summary`.
+Needs matplotlib and jinja2 (the extra `report`). Everything on the page comes from a `Summary`.
 """
 
 import math
@@ -26,7 +26,7 @@ OVERVIEW_SEQUENCES = 12  # more would not fit into one picture
 
 
 class Cell(NamedTuple):
-    """A cell of a table: what is shown, a smaller note, what it is sorted by, and its rank."""
+    """A cell of a table: its text, a smaller note, the value to sort by, and the rank."""
 
     text: str
     note: str
@@ -35,7 +35,11 @@ class Cell(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A column of the table of settings: field of `Scores`, heading, digits, which end is best."""
+    """A column of the table of settings.
+
+    field: name of a field of `Scores`.
+    least_is_best: whether the least value is the best one.
+    """
 
     field: str
     heading: str
@@ -49,12 +53,17 @@ METRICS = (
     Metric("auc", "success AUC", 3, False),
     Metric("precision", "P@20", 3, False),
     Metric("normalised_precision", "normalised precision", 3, False),
-    Metric("losses", "losses a run", 2, True),
+    Metric("failures", "failures a run", 2, True),
 )
 
 
 class Column(NamedTuple):
-    """A column of the tables by sequence: ours, or published ones."""
+    """A column of the tables by sequence.
+
+    name: setting of ours, or published tracker.
+    source: of a published tracker; otherwise "".
+    colour: of a setting of ours; otherwise "".
+    """
 
     name: str
     source: str
@@ -62,7 +71,11 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table by sequence: its rows are (name, cells), the last one the mean."""
+    """A table by sequence.
+
+    rows: (name of the sequence, cells).
+    mean: cells of the last row.
+    """
 
     title: str
     columns: list[Column]
@@ -71,7 +84,12 @@ class Table(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What the page shows of one sequence; plots are SVG."""
+    """What the page shows of one sequence.
+
+    frames, labelled: numbers of frames, and of those with a label.
+    error, confidence, seeds: plots, as SVG.
+    failures: (setting, text) of each setting that lost the target.
+    """
 
     name: str
     frames: int
@@ -80,13 +98,13 @@ class Scene(NamedTuple):
     error: Markup
     confidence: Markup | None
     seeds: list[Markup]
-    losses: list[tuple[str, str]]
+    failures: list[tuple[str, str]]
 
 
 def write_page(summary: Summary, path: str | Path) -> Path:
-    """Write the page of a summary, and overview.png beside it; returns the page's path.
+    """Write the page of a summary, and overview.png into the same folder; returns the page's path.
 
-    Raises ValueError for a summary without any result.
+    Raises ValueError for a summary without results.
     """
     if not summary.rows:
         raise ValueError("there is no result to report")
@@ -137,31 +155,34 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     seeds = [len(record.seeds) for key, record in summary.records.items() if "OpenCV" not in key[1]]
     starts = {start[:3] for _, _, start in summary.records}
     abouts = [record.about for record in summary.records.values()]
-    worlds = [about["environment"] for about in abouts]
+    environments = [about["environment"] for about in abouts]
     labelled = sum(
         int((~np.isnan(summary.labels[name].truth).any(axis=1)).sum()) for name in summary.sequences
     )
     frames = sum(len(summary.labels[name].truth) for name in summary.sequences)
     protocols = {"ope": "one pass", "tre": "20 starts", "sre": "12 disturbed boxes"}
     return [
-        ("frames", f"{frames:,}, {labelled:,} of them labelled"),
+        ("frames", f"{frames:,}, {labelled:,} labelled"),
         ("seeds", _range(seeds) if seeds else "none"),
         ("protocol", ", ".join(protocols[start] for start in sorted(starts))),
-        ("dcs_jax", _listed(world["dcs_jax"] for world in worlds)),
-        ("code", _listed(about["code"] for about in abouts if "peer" not in about["config"])),
+        ("dcs_jax", _listed(e["dcs_jax"] for e in environments)),
+        ("code", _listed(about["code"] for about in abouts if "baseline" not in about["config"])),
         (
             "JAX, OpenCV",
-            ", ".join(_listed(world[name] for world in worlds) for name in ("jax", "opencv")),
+            ", ".join(_listed(e[name] for e in environments) for name in ("jax", "opencv")),
         ),
-        ("machine", _listed(f"{w['device']}, {w['cores']} cores, {w['system']}" for w in worlds)),
+        (
+            "machine",
+            _listed(f"{e['device']}, {e['cores']} cores, {e['system']}" for e in environments),
+        ),
     ]
 
 
 def _curves(summary: Summary) -> list[tuple[Markup, list[tuple[str, str]]]]:
-    """Success and precision plot, each with its legend: settings and their figure, best first."""
+    """Success and precision plot, each with its legend: settings and their value, best first."""
     if not summary.curves:
         return []
-    figures = (
+    plotted = (
         (plots.success_plot, {name: curves[0].mean() for name, curves in summary.curves.items()}),
         (
             plots.precision_plot,
@@ -172,31 +193,31 @@ def _curves(summary: Summary) -> list[tuple[Markup, list[tuple[str, str]]]]:
         (
             Markup(plot(summary)),
             [
-                (name, f"{value[name]:.3f}")
-                for name in sorted(value, key=value.__getitem__, reverse=True)
+                (name, f"{values[name]:.3f}")
+                for name in sorted(values, key=values.__getitem__, reverse=True)
             ],
         )
-        for plot, value in figures
+        for plot, values in plotted
     ]
 
 
 def _leaders(summary: Summary) -> list[tuple[str, int, list[Cell]]]:
-    """Rows of the table of settings: name, seeds, a cell a metric and one of the speed."""
+    """Rows of the table of settings: name, seeds, a cell for each metric and one for the speed."""
     settings = list(summary.overall)
     columns = []
     for metric in METRICS:
         found = [summary.overall[setting][metric.field] for setting in settings]
-        places = ranks([round(s.mean, metric.digits) for s in found], metric.least_is_best)
+        ranked = ranks([round(s.mean, metric.digits) for s in found], metric.least_is_best)
         columns.append(
             [
                 _cell(s, metric.digits, rank, interval=True)
-                for s, rank in zip(found, places, strict=True)
+                for s, rank in zip(found, ranked, strict=True)
             ]
         )
     speeds = [summary.speed[setting] for setting in settings]
-    places = ranks([round(speed) for speed in speeds], least_is_best=False)
+    ranked = ranks([round(speed) for speed in speeds], least_is_best=False)
     columns.append(
-        [Cell(f"{speed:.0f}", "", speed, rank) for speed, rank in zip(speeds, places, strict=True)]
+        [Cell(f"{speed:.0f}", "", speed, rank) for speed, rank in zip(speeds, ranked, strict=True)]
     )
     return [
         (setting, summary.overall[setting]["centre_error"].n, [column[row] for column in columns])
@@ -214,8 +235,8 @@ def _by_sequence(
 
     def ranked(spreads: Sequence[Spread | None]) -> list[Cell]:
         means = [round(s.mean, digits) if s else math.nan for s in spreads]
-        places = ranks(means, least_is_best)
-        return [_cell(s, digits, rank) for s, rank in zip(spreads, places, strict=True)]
+        found = zip(spreads, ranks(means, least_is_best), strict=True)
+        return [_cell(values, digits, rank) for values, rank in found]
 
     rows = []
     for sequence in summary.sequences:
@@ -239,7 +260,7 @@ def _by_sequence(
 
 
 def _known(mean: float, sd: float) -> Spread:
-    """A published number, of which no more than the deviation is known."""
+    """A published number, of which at most the deviation is known."""
     return Spread(mean, sd, math.nan, math.nan, math.nan, math.nan, 0)
 
 
@@ -247,8 +268,8 @@ def _cell(values: Spread | None, digits: int, rank: int, interval: bool = False)
     """A mean with its 95 % interval or, by default, its standard deviation."""
     if values is None:
         return Cell("-", "", math.inf, 0)
-    beside = values.high - values.mean if interval else values.sd
-    note = "" if math.isnan(beside) else f"± {beside:.{digits}f}"
+    width = values.high - values.mean if interval else values.sd
+    note = "" if math.isnan(width) else f"± {width:.{digits}f}"
     return Cell(f"{values.mean:.{digits}f}", note, values.mean, rank)
 
 
@@ -266,26 +287,24 @@ def _scene(summary: Summary, sequence: str) -> Scene:
             Markup(plots.seeds_plot(summary, sequence, metric))
             for metric in ("centre_error", "success_rate")
         ],
-        _losses(summary, sequence),
+        _failures(summary, sequence),
     )
 
 
-def _losses(summary: Summary, sequence: str) -> list[tuple[str, str]]:
-    """For each setting that lost the target: in how many runs, and at which frames first."""
+def _failures(summary: Summary, sequence: str) -> list[tuple[str, str]]:
+    """For each setting that lost the target: in how many runs, and where first."""
     found = []
     for setting in summary.settings:
         rows = [r for r in summary.rows if (r.sequence, r.setting) == (sequence, setting)]
-        begun = {
-            (sequence, setting, r.start): summary.records[sequence, setting, r.start].frame
+        first = [
+            r.failures_at[0] + summary.records[sequence, setting, r.start].frame
             for r in rows
-        }
-        firsts = sorted(r.lost_at[0] + begun[sequence, setting, r.start] for r in rows if r.lost_at)
-        if firsts:
-            places = ", ".join(map(str, sorted(set(firsts))[:8]))
-            more = " …" if len(set(firsts)) > 8 else ""
-            found.append(
-                (setting, f"in {len(firsts)} of {len(rows)} runs, first at frame {places}{more}")
-            )
+            if r.failures_at
+        ]
+        if first:
+            frames = sorted(set(first))
+            listed = ", ".join(map(str, frames[:8])) + " …" * (len(frames) > 8)
+            found.append((setting, f"in {len(first)} of {len(rows)} runs, first at frame {listed}"))
     return found
 
 

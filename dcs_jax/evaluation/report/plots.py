@@ -1,4 +1,4 @@
-"""The plots of the report, as SVG that takes its ink from the page: one plot for light and dark."""
+"""The plots of the report, as SVG in the page's colour of text: one plot for light and dark."""
 
 import io
 import re
@@ -22,15 +22,15 @@ from dcs_jax.evaluation.metrics import (
 from dcs_jax.evaluation.results import Published
 from dcs_jax.evaluation.summary import REPEATS, Summary
 
-# Readable on white and on near-black; the order puts most contrast between neighbours.
+# Readable on white and on near-black, in an order with much contrast between neighbours.
 COLOURS = (
     *("#2f80ed", "#e8710a", "#1a9e6c", "#b152d6", "#d93a5b", "#8a8f00"),
     *("#00a0b8", "#a0663c", "#6c6fd8", "#64a81e", "#d1459f", "#71808f"),
 )
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-INK = "#010203"  # stands for the page's colour of text and becomes `currentColor`
+INK = "#010203"  # replaced by `currentColor`, the page's colour of text
 
-# Points. Plots are as wide as a phone, so that their text is readable there.
+# Points. Plots are as wide as a phone, so that their text is readable on one.
 WIDTH, HEIGHT, POINTS_PER_INCH = 400, 210, 72
 
 _STYLE: dict[Any, Any] = {
@@ -58,7 +58,7 @@ def colours(settings: Sequence[str]) -> dict[str, str]:
 
 
 def dashed(settings: Sequence[str]) -> set[str]:
-    """The settings whose colour another one has already, so that their lines are broken."""
+    """The settings that share the colour of an earlier one, whose lines are dashed."""
     return set(settings[len(COLOURS) :])
 
 
@@ -83,9 +83,9 @@ def precision_plot(summary: Summary) -> str:
 
 
 def error_plot(summary: Summary, sequence: str) -> str:
-    """Centre error over the frames, of the first start if the protocol has several.
+    """Centre error over the frames, for the first start of the protocol.
 
-    Median over seeds, with a band from the 10th to the 90th percentile.
+    The median over seeds, with a band from the 10th to the 90th percentile.
     """
     figure, axes = _figure()
     truth = summary.labels[sequence].truth
@@ -103,7 +103,7 @@ def error_plot(summary: Summary, sequence: str) -> str:
 
 
 def confidence_plot(summary: Summary, sequence: str) -> str | None:
-    """Confidence over the frames, likewise; None where no tracker has one."""
+    """Confidence over the frames, as `error_plot`; None unless a tracker has a confidence."""
     figure, axes = _figure()
     drawn = False
     for setting, start in _first_starts(summary, sequence):
@@ -121,9 +121,9 @@ def confidence_plot(summary: Summary, sequence: str) -> str | None:
 
 
 def seeds_plot(summary: Summary, sequence: str, metric: str) -> str:
-    """Every seed as a dot on a box of quartiles, one column a setting.
+    """Every seed as a dot on a box of quartiles, one column for each setting.
 
-    Published means, with their deviation, stand beside the settings that repeat them.
+    Published means, with their deviation, are to the right of the settings that repeat them.
     """
     figure, axes = _figure()
     _draw_seeds(axes, summary, sequence, metric)
@@ -133,7 +133,7 @@ def seeds_plot(summary: Summary, sequence: str, metric: str) -> str:
 def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> None:
     settings = [s for s in summary.settings if (sequence, s) in summary.by_sequence]
     rng = np.random.default_rng(0)
-    for place, setting in enumerate(settings):
+    for column, setting in enumerate(settings):
         values = np.array(
             [
                 getattr(row.scores, metric)
@@ -145,7 +145,7 @@ def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> Non
         if len(values) > 1:
             axes.boxplot(
                 [values],
-                positions=[place],
+                positions=[column],
                 widths=0.5,
                 showfliers=False,
                 patch_artist=True,
@@ -155,12 +155,12 @@ def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> Non
                 capprops={"color": colour},
             )
         scatter = rng.uniform(-0.16, 0.16, len(values)) if len(values) > 1 else [0]
-        axes.plot(place + np.array(scatter), values, ".", color=colour, markersize=5, alpha=0.75)
+        axes.plot(column + np.array(scatter), values, ".", color=colour, markersize=5, alpha=0.75)
         for theirs in repeated(summary, sequence, setting):
             value = theirs.centre_error if metric == "centre_error" else theirs.success_rate
             sd = theirs.sd if metric == "centre_error" and theirs.sd > 0 else None
             axes.errorbar(
-                place + 0.38, value, sd, fmt="D", color=INK, markersize=5, capsize=3, linewidth=1.2
+                column + 0.38, value, sd, fmt="D", color=INK, markersize=5, capsize=3, linewidth=1.2
             )
     axes.set_xticks(range(len(settings)), [_wrapped(s) for s in settings])
     axes.set_xlim(-0.5, len(settings) - 0.3)
@@ -174,7 +174,7 @@ def _draw_seeds(axes: Axes, summary: Summary, sequence: str, metric: str) -> Non
 
 
 def overview(summary: Summary) -> bytes:
-    """A PNG for documents, on white: every sequence's seeds, centre error above success rate."""
+    """A PNG on white, for documents: the seeds of every sequence, centre error above success."""
     wide = len(summary.sequences)
     inches = max(1.9 * wide + 0.4, 6)
     with mpl.rc_context(_STYLE):
@@ -204,7 +204,7 @@ def overview(summary: Summary) -> bytes:
 
 
 def repeated(summary: Summary, sequence: str, setting: str) -> list[Published]:
-    """The published runs on a sequence that a setting repeats, of those with a deviation."""
+    """The published runs on a sequence that a setting repeats, if their deviation is known."""
     tracker = REPEATS.get(setting)
     return [
         row
@@ -229,7 +229,7 @@ def _band(
     frames: NDArray[np.int_],
     values: NDArray[np.float64] | NDArray[np.float32],
 ) -> None:
-    """Median over seeds of the values [S, T], and a band if there are several seeds."""
+    """Draw the median over seeds of the values [S, T], and a band if there are several seeds."""
     _line(axes, summary, setting, frames, np.asarray(np.median(values, axis=0)))
     if len(values) > 1:
         low, high = np.percentile(values, (10, 90), axis=0)
@@ -244,8 +244,8 @@ def _line(
     x: NDArray[np.float64] | NDArray[np.int_],
     y: NDArray[np.float64] | NDArray[np.float32],
 ) -> None:
-    place = summary.settings.index(setting)
-    dash = DASHES[place // len(COLOURS) % len(DASHES)]
+    index = summary.settings.index(setting)
+    dash = DASHES[index // len(COLOURS) % len(DASHES)]
     axes.plot(x, y, color=colours(summary.settings)[setting], linestyle=dash)
 
 
@@ -262,7 +262,7 @@ def _figure() -> tuple[Figure, Axes]:
 
 
 def _svg(figure: Figure, name: str) -> str:
-    """The figure as an SVG element; `name` keeps its ids apart from those of the others."""
+    """The figure as an SVG element, whose ids begin with `name` and so are unique on the page."""
     buffer = io.StringIO()
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})

@@ -1,4 +1,4 @@
-"""Film strips of the report: the frames at which the settings differ most, with their boxes."""
+"""Film strips of the report: frames at which the settings differ most, with their boxes."""
 
 import base64
 from collections.abc import Mapping
@@ -20,7 +20,12 @@ APART = 12  # chosen frames are at least a 12th of the pictures apart
 
 
 class Picture(NamedTuple):
-    """A frame with boxes. frame: its index. source: the image as a data URI."""
+    """A frame with boxes.
+
+    frame: index of the frame.
+    source: image as a data URI.
+    width, height: pixels.
+    """
 
     frame: int
     source: str
@@ -29,10 +34,10 @@ class Picture(NamedTuple):
 
 
 def film_strip(summary: Summary, sequence: str, colours: Mapping[str, str]) -> list[Picture]:
-    """Pictures of a sequence where the settings' boxes lie furthest apart, in order of time.
+    """Pictures of a sequence where the boxes of the settings lie furthest apart, in order of time.
 
-    Each setting is shown by the seed whose mean centre error is the median. The distance is
-    between the centres of any two settings, or of one and the label, in sides of the label.
+    Each setting is shown by the seed with the median centre error. The distance is the greatest
+    between the centres of two settings, or of a setting and the label, in sides of the label.
     """
     labels = summary.labels[sequence]
     tracks = _median_tracks(summary, sequence)
@@ -47,7 +52,7 @@ def film_strip(summary: Summary, sequence: str, colours: Mapping[str, str]) -> l
 
 
 def _median_tracks(summary: Summary, sequence: str) -> dict[str, NDArray[np.float64]]:
-    """Boxes [T, 4] by setting: its median seed of the first start, NaN before that."""
+    """Boxes [T, 4] by setting: the median seed of the first start, NaN before the start."""
     tracks = {}
     truth = summary.labels[sequence].truth
     for name, setting, start in sorted(summary.records):
@@ -63,7 +68,7 @@ def _median_tracks(summary: Summary, sequence: str) -> dict[str, NDArray[np.floa
 
 
 def _spread_out(values: NDArray[np.float64]) -> list[int]:
-    """Indices of up to COUNT of the greatest values, no two too close, in order."""
+    """Indices of up to COUNT of the greatest values in ascending order, no two too close."""
     chosen: list[int] = []
     for index in np.argsort(-values).tolist():
         if all(abs(index - other) * APART >= len(values) for other in chosen):
@@ -84,10 +89,10 @@ def _draw(
     frame = int(labels.shown[index])
     encoded = np.frombuffer(labels.pictures[index], np.uint8)
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB), np.uint8)
-    scale = image.shape[1] / labels.size[1]
-    draw_box(image, labels.truth[frame] * scale, TRUTH, thickness=THICKNESS)
+    ratio = image.shape[1] / labels.size[1]  # of the picture to the frame
+    draw_box(image, labels.truth[frame] * ratio, TRUTH, thickness=THICKNESS)
     for setting, track in tracks.items():
-        draw_box(image, track[frame] * scale, _rgb(colours[setting]), thickness=THICKNESS)
+        draw_box(image, track[frame] * ratio, _rgb(colours[setting]), thickness=THICKNESS)
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     text = base64.b64encode(bytes(jpeg)).decode()

@@ -15,8 +15,8 @@ from dcs_jax.io.files import atomic, write_table
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
-    """Write results.csv (one row a run), summary.json and summary.md into the folder."""
-    ends = ("losses_at", "frames", "frames_per_second")
+    """Write results.csv (one row for each run), summary.json and summary.md into the folder."""
+    ends = ("failures_at", "frames", "frames_per_second")
     header = ("sequence", "setting", "start", "seed", *Scores._fields, *ends)
     write_table(folder / "results.csv", header, map(_run_cells, summary.rows))
     with atomic(folder / "summary.json", text=True) as file:
@@ -27,12 +27,12 @@ def write_summary(summary: Summary, folder: Path) -> None:
 
 def _run_cells(row: Row) -> list[Any]:
     numbers = [f"{value:.6g}" for value in row.scores]
-    lost_at = " ".join(map(str, row.lost_at))
-    return [*row[:4], *numbers, lost_at, row.frames, f"{row.frames_per_second:.1f}"]
+    failures_at = " ".join(map(str, row.failures_at))
+    return [*row[:4], *numbers, failures_at, row.frames, f"{row.frames_per_second:.1f}"]
 
 
 def as_dict(summary: Summary) -> dict[str, Any]:
-    """The numbers of a summary by name, without boxes."""
+    """The numbers of a summary by name, without the boxes."""
     abouts = {record.setting: record.about for record in summary.records.values()}
     return {
         "sequences": {
@@ -84,7 +84,7 @@ def as_dict(summary: Summary) -> dict[str, Any]:
 
 
 def as_markdown(summary: Summary) -> str:
-    """Centre error / success rate by sequence and setting as a Markdown table, the best bold."""
+    """A Markdown table of centre error / success rate by sequence and setting, the best bold."""
     columns = published_columns(summary)
     heads = [*summary.settings, *(f"{tracker} ({source})" for source, tracker in columns)]
     lines = [
@@ -127,7 +127,7 @@ def _named(spreads: dict[str, Spread]) -> dict[str, dict[str, float]]:
 
 
 def _plain(value: Any) -> Any:
-    """The same with None for NaN, which JSON has no word for."""
+    """The same with None for NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

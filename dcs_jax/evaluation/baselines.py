@@ -1,8 +1,8 @@
-"""The trackers of OpenCV, run on the same frames.
+"""Baselines: the trackers of OpenCV, run on the same frames.
 
-`cv2.TrackerMIL` is in every wheel of OpenCV; the others are in the contrib wheel, which cannot be
-installed beside the plain one: run them in an environment of their own and let
-`dcs-jax report DIR DIR` merge the results.
+`cv2.TrackerMIL` is in every wheel of OpenCV. The others are in the contrib wheel, which cannot be
+installed together with the plain one: run them in an environment of their own, and merge the
+results with `dcs-jax report DIR DIR`.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from dcs_jax.evaluation.runner import Runs
 
-# Name in the results, and where OpenCV has the tracker.
-PEERS = {
+# Name in the results, and name in OpenCV.
+BASELINES = {
     "MIL": "TrackerMIL_create",
     "KCF": "TrackerKCF_create",
     "CSRT": "TrackerCSRT_create",
@@ -27,22 +27,24 @@ PEERS = {
 }
 
 
-def available_peers() -> list[str]:
-    """The peers that the installed OpenCV has."""
-    return [name for name in PEERS if _factory(name) is not None]
+def available_baselines() -> list[str]:
+    """The baselines that the installed OpenCV has."""
+    return [name for name in BASELINES if _factory(name) is not None]
 
 
-def select_peers(wanted: Iterable[str]) -> list[str]:
-    """The peers of these names; "opencv" stands for all there are.
+def select_baselines(wanted: Iterable[str]) -> list[str]:
+    """The baselines of these names, each once; "opencv" stands for all that are installed.
 
-    Raises ValueError for one that is unknown or not installed.
+    Raises ValueError for a name that is unknown or not installed.
     """
     names: list[str] = []
     for name in wanted:
         if name == "opencv":
-            names += available_peers()
-        elif name not in PEERS:
-            raise ValueError(f"{name!r} is no peer: expected opencv or some of {', '.join(PEERS)}")
+            names += available_baselines()
+        elif name not in BASELINES:
+            raise ValueError(
+                f"{name!r} is not a baseline: expected opencv or some of {', '.join(BASELINES)}"
+            )
         elif _factory(name) is None:
             raise ValueError(
                 f"{name} is not in this OpenCV: it comes with opencv-contrib-python-headless"
@@ -52,16 +54,17 @@ def select_peers(wanted: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def run_peer(
+def run_baseline(
     name: str,
     frames: Iterable[NDArray[np.uint8]],
     box: NDArray[np.float64],
-    advance: Callable[[int], None] = lambda tracked: None,
+    on_frames: Callable[[int], None] = lambda tracked: None,
 ) -> Runs:
     """Track a box with a tracker of OpenCV, on all its threads; where it fails, the last box stays.
 
-    frames: [H, W, 3] uint8 RGB each. box: [4], x, y, w, h in pixels, of the first frame, rounded.
-    advance: is told 1 after each frame.
+    frames: [H, W, 3] uint8 RGB each.
+    box: [4], x, y, w, h in pixels, of the first frame; rounded for OpenCV.
+    on_frames: called with 1 after each frame.
 
     Raises ValueError where OpenCV raises an error of its own, as for a box outside the frame.
     """
@@ -73,7 +76,7 @@ def run_peer(
     seconds = 0.0
     for frame in frames:
         bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-        begin = perf_counter()
+        started = perf_counter()
         try:
             if not boxes:
                 tracker.init(bgr, tuple(round(float(side)) for side in box))
@@ -83,14 +86,14 @@ def run_peer(
                 boxes.append(moved if found else boxes[-1])
         except cv2.error as error:
             raise ValueError(f"OpenCV's {name} fails at frame {len(boxes)}: {error}") from error
-        seconds += perf_counter() - begin
-        advance(1)
+        seconds += perf_counter() - started
+        on_frames(1)
     track = np.asarray(boxes, np.float32)[None]
     return Runs(track, np.full(track.shape[:2], np.nan, np.float32), seconds)
 
 
 def _factory(name: str) -> Callable[[], Any] | None:
     try:
-        return attrgetter(PEERS[name])(cv2)
+        return attrgetter(BASELINES[name])(cv2)
     except AttributeError:
         return None
