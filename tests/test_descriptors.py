@@ -1,11 +1,13 @@
 """Descriptions of patches."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import reference
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import gradients as expected
+from reference import descriptors as expected
 from scipy import ndimage
 
 from dcs_jax.config import Config, ScaleFilter
@@ -28,13 +30,13 @@ def window(seed: int) -> np.ndarray:
     return ndimage.gaussian_filter(generator.normal(size=GRID.window), 1.5) * 200
 
 
-@given(seed=st.integers(0, 2**31), down=st.floats(-12, 12), across=st.floats(-12, 12))
+# As far as the window goes, beyond which larger scales reach.
+@given(seed=st.integers(0, 2**31), down=st.floats(-18, 18), across=st.floats(-15, 15))
 def test_descriptions_are_those_of_the_reference(seed, down, across):
     cells = window(seed)
     down, across = float(np.float32(down)), float(np.float32(across))
-    wanted = expected.describe_sizes(
-        cells, np.array([down, across]), SCALES.num_scales, SCALES.step, GRID
-    )
+    factors = reference.scale.factors(reference.ScaleFilter(**dataclasses.asdict(SCALES)))
+    wanted = expected.describe_scales(cells, np.array([down, across]), factors, GRID)
     np.testing.assert_allclose(described(cells, (down, across)), wanted, atol=1e-3)
 
 

@@ -4,6 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dcs_jax.config import Config, Redetection
 from dcs_jax.extensions import redetection
@@ -32,6 +35,24 @@ def test_the_search_windows_cover_the_frame():
     centres = boxes[:, :2] + boxes[:, 2:] / 2
     for point in np.random.default_rng(0).uniform(0, (320, 240), (50, 2)):
         assert (np.abs(centres - point) <= reach + 1e-3).all(1).any()
+
+
+@given(
+    box=st.tuples(*[st.integers(0, 200)] * 2, *[st.integers(9, 90)] * 2),
+    num_missed=st.integers(1, 50),
+    windows=st.integers(1, 4),
+)
+def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_missed, windows):
+    box = np.float32(box)
+    settings = reference.Redetection(windows=windows, accept_above=0.9)
+    factor = CONFIG.window_factor
+    expected = reference.redetection.search_windows(box, num_missed, SHAPE, factor, settings)
+    numbers = windows * num_missed + np.arange(windows)
+    found = [
+        redetection.search_window(jnp.asarray(box), jnp.int32(number), SHAPE, factor)
+        for number in numbers
+    ]
+    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,15 @@
 """The scale filter."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import correlation as expected
+from reference import scale as expected
 from textures import integral, texture
 
 from dcs_jax.config import Config, ScaleFilter
@@ -26,8 +29,24 @@ def describe_all(seed: int, zoom: float) -> jax.Array:
 def test_the_filter_is_that_of_the_reference(seed, zoom):
     first, second = (np.asarray(describe_all(seed, factor)) for factor in (1.0, zoom))
     steps = scale.estimate(scale.init(jnp.asarray(first)), jnp.asarray(second))
-    size = expected.learn_size(first.astype(float))
-    assert steps == pytest.approx(expected.size_steps(size, second.astype(float)), abs=1e-3)
+    trained = expected.init(first.astype(float))
+    assert steps == pytest.approx(expected.estimate(trained, second.astype(float)), abs=1e-3)
+
+
+@given(
+    box=st.tuples(*[st.floats(2, 300)] * 4),
+    initial=st.tuples(*[st.floats(2, 300)] * 2),
+    similarity=st.floats(-1, 1),
+    steps=st.floats(-60, 60),
+)
+def test_pull_and_resized_box_are_those_of_the_reference(box, initial, similarity, steps):
+    box, initial, steps = np.float32(box), np.float32(initial), np.float32(steps)
+    settings, shape = reference.ScaleFilter(**dataclasses.asdict(SETTINGS)), (240, 320)
+    pull = scale.pull(jnp.asarray(box), jnp.asarray(initial), jnp.float32(similarity), SETTINGS)
+    assert pull == pytest.approx(expected.pull(box, initial, similarity, settings), abs=1e-3)
+    resized = scale.resize(jnp.asarray(box), jnp.float32(steps), shape, SETTINGS)
+    wanted = expected.resize(box.astype(float), float(steps), shape, settings)
+    np.testing.assert_allclose(resized, wanted, rtol=1e-4, atol=1e-3)
 
 
 @given(seed=st.integers(0, 2**31))

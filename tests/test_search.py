@@ -10,7 +10,6 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 from layout import in_reference_order, reference_pool
-from reference import correlation
 
 from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
@@ -68,7 +67,7 @@ def test_map_is_that_of_the_reference(rule, smoothing):
     probabilities = reference.part_probabilities(np.stack(maps), smoothing)
     np.testing.assert_allclose(found.parts, probabilities, atol=1e-5)
     np.testing.assert_allclose(
-        found.score_map, reference.evidence(probabilities, smoothing), rtol=1e-4, atol=1e-4
+        found.score_map, reference.score_map(probabilities, smoothing), rtol=1e-4, atol=1e-4
     )
 
 
@@ -120,7 +119,7 @@ def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell):
     score_map = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
     box = np.array([x, *BOX[1:]], np.float32)
     config = Config(canvas=(12, 10), prior=prior)
-    scores = reference.score_map(score_map, box, FRAME, config.grid, prior)
+    scores = reference.with_motion_prior(score_map, box, FRAME, config.grid, prior)
     expected = reference.peak(scores, reference.squared_distances(box, config.grid), subcell)
     found = peak_of(score_map.astype(np.float32), box, config, subcell)
     np.testing.assert_allclose(found, expected, atol=1e-4)
@@ -161,7 +160,7 @@ def test_a_certain_position_has_a_noisy_or_of_one():
 def test_a_parabola_has_its_peak_found(peak, curvature, height):
     values = [jnp.float32(height - curvature * (x - peak) ** 2) for x in (-1, 0, 1)]
     assert parabola_peak(*values) == pytest.approx(peak, abs=1e-3)
-    assert correlation.parabola_peak(*map(float, values)) == pytest.approx(peak, abs=1e-3)
+    assert reference.parabola_peak(*map(float, values)) == pytest.approx(peak, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -169,4 +168,4 @@ def test_a_parabola_has_its_peak_found(peak, curvature, height):
 )
 def test_at_an_edge_and_without_a_peak_nothing_is_added(values):
     assert parabola_peak(*map(jnp.float32, values)) == 0
-    assert correlation.parabola_peak(*values) == 0
+    assert reference.parabola_peak(*values) == 0

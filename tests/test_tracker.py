@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from layout import in_reference_order, reference_pool
+from layout import in_reference_order, reference_at, reference_pool, reference_settings
 from sequences import load
 from settings import SMALL, SMALL_DEFAULT, WITHOUT_COMPONENTS
 
@@ -26,33 +26,11 @@ def clip():
     return render(40, (120, 160), (36, 30))
 
 
-def reference_settings(config: Config) -> reference.Settings:
-    names = {field.name for field in dataclasses.fields(reference.Settings)} - {"slack"}
-    given = {name: getattr(config, name) for name in names}
-    return reference.Settings(**given, slack=config.overhang)
-
-
-def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
-    """The reference, set up with the state of a JAX track."""
-    box, _, pool, weak, strong, *_ = state
-    return reference.Tracker(
-        reference_settings(config),
-        box,
-        reference_pool(pool, config),
-        in_reference_order(weak.mean, config),
-        None if weak.sigma is None else in_reference_order(weak.sigma, config),
-        weak.variance,
-        in_reference_order(weak.correct, config),
-        in_reference_order(weak.wrong, config),
-        strong.selected,
-        strong.alpha,
-    )
-
-
 def column_patterns(tracker: reference.Tracker, frame, selected) -> np.ndarray:
-    """The votes [K, N, L] of the selected columns on the frame's training rows."""
+    """The votes [K, N, L] of the selected columns on the frame's training samples."""
     tracker.selected = np.asarray(selected, np.int64)
-    votes = reference.votes(tracker.training_rows(frame), tracker.means, tracker.sigma)
+    samples = tracker.training_samples(tracker.window(frame, tracker.box), frame.shape)
+    votes = reference.votes(samples, tracker.means, tracker.sigma)
     return votes[tracker.selected_features()]
 
 
@@ -75,11 +53,11 @@ def test_a_step_from_the_same_state_is_that_of_the_reference(clip, changes):
     state = init(clip.frames[0], clip.boxes[0], jax.random.key(1), config)
     for frame in clip.frames[1:6]:
         tracker = reference_at(state, config)
-        box, confidence, part_scores = tracker.step(frame)
+        expected = tracker.step(frame)
         state, info = step(state, frame, config)
-        np.testing.assert_allclose(info.box, box, atol=1e-3)
-        np.testing.assert_allclose(info.part_scores, part_scores, atol=0.02)
-        assert info.noisy_or == pytest.approx(confidence, abs=1e-3)
+        np.testing.assert_allclose(info.box, expected.box, atol=1e-3)
+        np.testing.assert_allclose(info.part_scores, expected.part_scores, atol=0.02)
+        assert info.noisy_or == pytest.approx(expected.noisy_or, abs=1e-3)
         means = in_reference_order(state.weak.mean, config)
         np.testing.assert_allclose(means, tracker.means, atol=0.05)
         np.testing.assert_array_equal(
@@ -104,7 +82,7 @@ def assert_30_frames_equal(frames, box):
     state = init(frames[0], np.float32(box), jax.random.key(0), config)
     tracker = reference_at(state, config)
     _, infos = dcs_jax.track_chunk(state, frames[1:31], config)
-    expected = [tracker.step(frame)[0] for frame in frames[1:31]]
+    expected = [tracker.step(frame).box for frame in frames[1:31]]
     np.testing.assert_allclose(infos.box, expected, atol=0.05)
 
 
@@ -125,7 +103,7 @@ def test_30_frames_on_the_pixel_grid_are_each_that_of_the_reference():
     for frame in frames[1:]:
         # From the same state each time: on whole pixels some responses lie right on a threshold,
         # so that rounding decides a vote in ten thousand, and two runs would part by a pixel.
-        expected, _, _ = reference_at(state, config).step(frame)
+        expected = reference_at(state, config).step(frame).box
         state, info = step(state, frame, config)
         np.testing.assert_allclose(info.box, expected, atol=0.05)
 

@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import correlation as expected
+from reference import filters
+from reference import translation as expected
 from textures import integral, texture
 
 from dcs_jax.config import Config, TranslationFilter
@@ -23,13 +24,13 @@ def window(seed: int, shift: tuple[int, int] = (0, 0)) -> np.ndarray:
 def test_filter_and_response_are_those_of_the_reference(seed):
     first, second = window(seed), window(seed, shift=(2, -1))
     learned = translation.train(integral(first), GRID)
-    trained = expected.learn_place(first, GRID)
+    trained = expected.train(first, GRID)
     # Of the last axis, half of the frequencies.
     half = trained[1].shape[1] // 2 + 1
     for found, wanted in zip(learned, (part[..., :half] for part in trained), strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
     response = translation.response(learned, integral(second), GRID)
-    np.testing.assert_allclose(response, expected.place_answer(trained, second, GRID), atol=4e-3)
+    np.testing.assert_allclose(response, expected.response(trained, second, GRID), atol=4e-3)
 
 
 @given(seed=st.integers(0, 2**31), down=st.integers(-3, 3), across=st.integers(-3, 3))
@@ -48,7 +49,7 @@ def test_the_first_frame_keeps_its_weight_in_the_score():
     initial = translation.init(integral(first), GRID)
     state = translation.update(initial, integral(later), settings, GRID)
     np.testing.assert_array_equal(state.first_frame.numerator, initial.running.numerator)
-    one, other = (expected.learn_place(cells, GRID) for cells in (first, later))
-    mixed = expected.blend(one, other, 0.5 * (1 - 0.25))
+    one, other = (expected.train(cells, GRID) for cells in (first, later))
+    mixed = filters.interpolate(one, other, 0.5 * (1 - 0.25))
     score = translation.score(state, integral(later), settings, GRID)
-    np.testing.assert_allclose(score, 2 * expected.place_answer(mixed, later, GRID), atol=1e-2)
+    np.testing.assert_allclose(score, 2 * expected.response(mixed, later, GRID), atol=1e-2)

@@ -1,11 +1,14 @@
 """Verification: similarity, confidence, and what counts as missed and lost."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import gradients as expected
+from reference import verification as expected
 
 from dcs_jax.config import Verification
 from dcs_jax.extensions import verification
@@ -21,12 +24,24 @@ def test_similarity_and_confidence_are_those_of_the_reference(seed):
     first, now = (vector / np.linalg.norm(vector) for vector in (first, now))
     state = VerificationState(jnp.asarray(first), jnp.asarray(recent), jnp.int32(0))
     alike = verification.similarity(state, jnp.asarray(now), SETTINGS)
-    wanted = expected.similarity(first, recent, now, float(SETTINGS.template_penalty))
+    settings = reference.Verification(**dataclasses.asdict(SETTINGS))
+    wanted = expected.similarity(expected.VerificationState(first, recent, 0), now, settings)
     assert alike == pytest.approx(wanted, abs=1e-5)
-    middle, slope = float(SETTINGS.middle), float(SETTINGS.slope)
     assert verification.score(alike, SETTINGS) == pytest.approx(
-        expected.confidence(wanted, middle, slope), abs=1e-4
+        expected.score(wanted, settings), abs=1e-4
     )
+
+
+@given(confidence=st.floats(0, 1, width=32), num_missed=st.integers(0, 9))
+def test_num_missed_is_that_of_the_reference(confidence, num_missed):
+    settings = reference.Verification(**dataclasses.asdict(SETTINGS))
+    template = jnp.zeros(20)
+    state = VerificationState(template, template, jnp.int32(num_missed))
+    found = verification.step(state, jnp.float32(confidence), SETTINGS)
+    last = expected.VerificationState(np.zeros(20), np.zeros(20), num_missed)
+    wanted = expected.step(last, confidence, settings)
+    assert found.num_missed == wanted.num_missed
+    assert verification.is_lost(found, SETTINGS) == expected.is_lost(wanted, settings)
 
 
 def unit(seed: int) -> np.ndarray:

@@ -1,14 +1,39 @@
-"""An independent reference of the tracker: float64 NumPy, plain loops, in the order of the paper.
+"""An independent reference of the tracker: float64 NumPy, plain loops, in the order of the papers.
 
-Chen and Wang, "Robust Visual Tracking Using Dynamic Classifier Selection with Sparse Representation
-of Label Noise", ACCV 2012. It is written from the description, not from the JAX code, and knows
-nothing of it; one idea a function, so that each can be compared. The features are passed in.
+    Chen and Wang, "Robust Visual Tracking Using Dynamic Classifier Selection with Sparse
+    Representation of Label Noise", ACCV 2012: haar to tracker
+    Danelljan et al., "Accurate Scale Estimation for Robust Visual Tracking", BMVC 2014: filters,
+    translation, scale
+    Dalal and Triggs, "Histograms of Oriented Gradients for Human Detection", CVPR 2005: gradients
+
+It is written from the description, not from the JAX code, and knows nothing of it; one idea a
+function, so that each can be compared. The features are passed in. A component beyond the paper is
+a module, the functions of the paper's own part stand here.
 """
 
+from . import descriptors, filters, gradients, redetection, scale, translation, verification
 from .haar import Box, boxes_of, cell_weights, haar_map, haar_response, parts_of
-from .records import Grid, Pool, Settings
-from .samples import LABELS, reachable, training_places, training_responses
-from .search import move, nearest_place, peak, score_map, squared_distances
+from .records import (
+    Candidate,
+    Grid,
+    Maps,
+    Pool,
+    Redetection,
+    ScaleFilter,
+    Settings,
+    StepInfo,
+    TranslationFilter,
+    Verification,
+)
+from .samples import LABELS, reachable, training_positions, training_responses
+from .search import (
+    move,
+    nearest_position,
+    parabola_peak,
+    peak,
+    squared_distances,
+    with_motion_prior,
+)
 from .selection import (
     bag_log_likelihood,
     first_best,
@@ -19,8 +44,8 @@ from .selection import (
     select_mil,
 )
 from .solver import duality_gap, fista, huber_objective, objective, solve_exactly
-from .strong import evidence, part_probabilities, smooth, strong_map, voting_weight
-from .tracker import Maps, Tracker
+from .strong import part_probabilities, score_map, smooth, strong_map, voting_weight
+from .tracker import Tracker
 from .weak import (
     count,
     error,
@@ -30,27 +55,35 @@ from .weak import (
     vote_midpoint,
     votes,
 )
-from .window import cell_means, grey, integral
+from .window import cell_means, grey, integral, window_cells
 
 __all__ = [
     "LABELS",
     "Box",
+    "Candidate",
     "Grid",
     "Maps",
     "Pool",
+    "Redetection",
+    "ScaleFilter",
     "Settings",
+    "StepInfo",
     "Tracker",
+    "TranslationFilter",
+    "Verification",
     "bag_log_likelihood",
     "boxes_of",
     "cell_means",
     "cell_weights",
     "count",
+    "descriptors",
     "duality_gap",
     "error",
-    "evidence",
+    "filters",
     "first_best",
     "first_sigma",
     "fista",
+    "gradients",
     "grey",
     "haar_map",
     "haar_response",
@@ -59,12 +92,15 @@ __all__ = [
     "kalman_update",
     "label_noise",
     "move",
-    "nearest_place",
+    "nearest_position",
     "objective",
+    "parabola_peak",
     "part_probabilities",
     "parts_of",
     "peak",
     "reachable",
+    "redetection",
+    "scale",
     "score_map",
     "select_error",
     "select_first",
@@ -74,10 +110,14 @@ __all__ = [
     "solve_exactly",
     "squared_distances",
     "strong_map",
-    "training_places",
+    "training_positions",
     "training_responses",
+    "translation",
+    "verification",
     "vote_gaussian",
     "vote_midpoint",
     "votes",
     "voting_weight",
+    "window_cells",
+    "with_motion_prior",
 ]

@@ -50,15 +50,15 @@ def haar_response(patch_integral: Floats, corners: Integers, weights: Floats) ->
 
 
 def haar_map(window_integral: Floats, corners: Integers, weights: Floats, grid: Grid) -> Floats:
-    """Value of one feature at every candidate place, [Cy, Cx].
+    """Value of one feature at every candidate position, [Cy, Cx].
 
     window_integral: [Gy + 1, Gx + 1]. corners, weights: [9], on a patch of the canvas.
     """
-    place_rows, place_columns = grid.positions
+    rows, columns = grid.positions
     values = np.zeros(grid.positions)
     for corner, weight in zip(corners, weights, strict=True):
         i, j = divmod(int(corner), grid.columns + 1)
-        values += weight * window_integral[i : i + place_rows, j : j + place_columns]
+        values += weight * window_integral[i : i + rows, j : j + columns]
     return values
 
 

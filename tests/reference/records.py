@@ -6,12 +6,14 @@ Dimensions, used in every docstring of the reference:
     Sy, Sx  rows and columns of the canvas, the cells of the object
     my, mx  rows and columns of the window's margin on each side of the object, cells
     Gy, Gx  = Sy + 2 my, Sx + 2 mx, rows and columns of the window, cells
-    Cy, Cx  = 2 my + 1, 2 mx + 1, rows and columns of the map of candidate places
+    Cy, Cx  = 2 my + 1, 2 mx + 1, rows and columns of the map of candidate positions
     K       parts of the object
     N       selectors per part
     M       weak classifiers in a selector's pool
     F       = K N M, all features; feature f belongs to part f // (N M), selector (f // M) % N
-    L       = 8, training rows of a frame
+    L       = 8, training samples of a frame
+    S       scales of the object
+    D       values of a description
 """
 
 from dataclasses import dataclass
@@ -37,6 +39,43 @@ class Pool(NamedTuple):
     boxes: Integers
 
 
+class Maps(NamedTuple):
+    """What the search looks at, for every candidate position.
+
+    probabilities: [K, Cy, Cx], of the parts, smoothed. score_map: [Cy, Cx], of their Noisy-OR.
+    scores: [Cy, Cx], with all cues and less the motion prior, minus infinity where it cannot be.
+    """
+
+    probabilities: Floats
+    score_map: Floats
+    scores: Floats
+
+
+class Candidate(NamedTuple):
+    """Where in a frame the object may be: box [4], and the rest as in `StepInfo`."""
+
+    box: Floats
+    confidence: float
+    noisy_or: float
+    part_scores: Floats
+
+
+class StepInfo(NamedTuple):
+    """What one frame yields.
+
+    box: [4], x, y, w, h, pixels. confidence: in [0, 1], NaN without verification. noisy_or,
+    part_scores: [] and [K], in [0, 1] to rounding. lost: False without verification. noise: [5], of
+    the selection, 0 if it is not "l1".
+    """
+
+    box: Floats
+    confidence: float
+    noisy_or: float
+    part_scores: Floats
+    lost: bool
+    noise: Floats
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells of the object (rows x columns) and of the window's margin on each side of it."""
@@ -53,31 +92,78 @@ class Grid:
 
     @property
     def positions(self) -> tuple[int, int]:
-        """Cy, Cx: candidate places per axis; the middle one is no motion."""
+        """Cy, Cx: candidate positions per axis; the middle one is no motion."""
         return 2 * self.margin_rows + 1, 2 * self.margin_columns + 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What one run is set to. The fields mean what they mean in `dcs_jax.config.Config`.
+class TranslationFilter:
+    """weight: of the response. first_frame: weight of that frame's filter in it."""
 
-    canvas: cells per side of the object, or (rows, columns).
-    slack: fraction of the object's side that may leave the frame, 0: none.
+    weight: float
+    learning_rate: float
+    first_frame: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleFilter:
+    """num_scales: S, odd. step: ratio of a scale to the next smaller one."""
+
+    num_scales: int
+    step: float
+    learning_rate: float
+    initial_pull: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """middle, slope: of the logistic function. The other numbers are shares, patience frames."""
+
+    middle: float
+    slope: float
+    template_rate: float
+    template_penalty: float
+    learn_above: float
+    lost_below: float
+    recover_above: float
+    patience: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Redetection:
+    """windows: further search windows in a frame."""
+
+    windows: int
+    accept_above: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What one run is set to: the fields of `dcs_jax.config.Config`, which says what they mean.
+
+    canvas: cells per side of the object, or (rows, columns). translation, scale, verification,
+    redetection: None where the component is switched off.
     """
 
-    canvas: int | tuple[int, int] = 40
-    window_factor: float = 2.0
-    parts: Literal[1, 5, 9] = 9
-    selectors: int = 40
-    pool_size: int = 50
-    selector: Literal["l1", "error", "first", "mil"] = "l1"
-    weak: Literal["midpoint", "gaussian"] = "midpoint"
-    iterations: int = 10
-    first_updates: int = 50
-    lam: float = 0.01
-    smoothing: float = 1.5
-    prior: float = 0.6
-    slack: float = 0.0
+    canvas: int | tuple[int, int]
+    window_factor: float
+    parts: Literal[1, 5, 9]
+    selectors: int
+    pool_size: int
+    selector: Literal["l1", "error", "first", "mil"]
+    tie: Literal["first", "error"]
+    weak: Literal["midpoint", "gaussian"]
+    iterations: int
+    first_updates: int
+    lam: float
+    smoothing: float
+    overhang: float
+    prior: float
+    output_size: Literal["estimated", "initial"]
+    translation: TranslationFilter | None
+    scale: ScaleFilter | None
+    verification: Verification | None
+    redetection: Redetection | None
 
     @property
     def grid(self) -> Grid:

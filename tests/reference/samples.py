@@ -1,4 +1,4 @@
-"""The training rows of a frame, and the places the object can reach."""
+"""The training samples of a frame, and the positions the object can reach."""
 
 import math
 
@@ -12,43 +12,43 @@ LABELS = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
 
 
 def reachable(
-    box: Floats, frame_shape: tuple[int, int], grid: Grid, slack: float = 0.0
+    box: Floats, frame_shape: tuple[int, ...], grid: Grid, overhang: float = 0.0
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Lowest and highest reachable place per axis, ((low_y, high_y), (low_x, high_x)).
+    """Lowest and highest reachable position per axis, ((low_y, high_y), (low_x, high_x)).
 
-    Places are in cells from the middle of the map, so low <= 0 <= high.
+    Positions are in cells from the middle of the map, so low <= 0 <= high.
 
-    box: [4], x, y, w, h, pixels. frame_shape: H, W. slack: fraction of the object's side that may
-    leave the frame.
+    box: [4], x, y, w, h, pixels. frame_shape: H, W. overhang: how far the box may leave the frame,
+    in its sides.
     """
     x, y, width, height = (float(number) for number in box)
     return (
-        _reachable_axis(y, height, frame_shape[0], grid.rows, grid.margin_rows, slack),
-        _reachable_axis(x, width, frame_shape[1], grid.columns, grid.margin_columns, slack),
+        _reachable_axis(y, height, frame_shape[0], grid.rows, grid.margin_rows, overhang),
+        _reachable_axis(x, width, frame_shape[1], grid.columns, grid.margin_columns, overhang),
     )
 
 
-def training_places(
-    box: Floats, frame_shape: tuple[int, int], grid: Grid, slack: float = 0.0
+def training_positions(
+    box: Floats, frame_shape: tuple[int, ...], grid: Grid, overhang: float = 0.0
 ) -> list[tuple[int, int]]:
-    """The places (y, x) of the L training rows, cells from the middle; labels are `LABELS`.
+    """The positions (y, x) of the L training samples, cells from the middle; labels are `LABELS`.
 
     The tracked box four times, then the corners of the reachable window row by row.
     """
-    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, slack)
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, overhang)
     corners = [(low_y, low_x), (low_y, high_x), (high_y, low_x), (high_y, high_x)]
     return [(0, 0)] * 4 + corners
 
 
 def training_responses(
-    cells: Floats, places: list[tuple[int, int]], pool: Pool, grid: Grid
+    cells: Floats, positions: list[tuple[int, int]], pool: Pool, grid: Grid
 ) -> Floats:
-    """Values [F, L] of all features on the training rows.
+    """Values [F, L] of all features on the training samples.
 
-    cells: [Gy, Gx], of the window. places: L of them, from `training_places`.
+    cells: [Gy, Gx], of the window. positions: L of them, from `training_positions`.
     """
     columns = []
-    for y, x in places:
+    for y, x in positions:
         top, left = grid.margin_rows + y, grid.margin_columns + x
         patch = cells[top : top + grid.rows, left : left + grid.columns]
         columns.append(haar_response(integral(patch), pool.corners, pool.weights))
@@ -56,10 +56,10 @@ def training_responses(
 
 
 def _reachable_axis(
-    start: float, side: float, frame_side: int, cells: int, margin: int, slack: float
+    start: float, side: float, frame_side: int, cells: int, margin: int, overhang: float
 ) -> tuple[int, int]:
-    """Lowest and highest place along one axis at which the object stays in the frame, cells."""
+    """Lowest and highest position along one axis at which the object stays in the frame, cells."""
     cell = side / cells
-    low = math.ceil(-start / cell - slack * cells - 1e-3)
-    high = math.floor((frame_side - side - start) / cell + slack * cells + 1e-3)
+    low = math.ceil(-start / cell - overhang * cells - 1e-3)
+    high = math.floor((frame_side - side - start) / cell + overhang * cells + 1e-3)
     return min(max(low, -margin), 0), min(max(high, 0), margin)

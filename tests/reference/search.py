@@ -1,9 +1,8 @@
-"""From the map of evidence to the new box."""
+"""From the score map to the new box (Algorithm 1, lines 1-3)."""
 
 import numpy as np
 from scipy import ndimage
 
-from .correlation import parabola_peak
 from .records import Floats, Grid, Integers
 from .samples import reachable
 
@@ -11,7 +10,7 @@ PLATEAU = 1e-3  # scores this close to the highest belong to the peak
 
 
 def squared_distances(box: Floats, grid: Grid) -> Floats:
-    """Squared distance d^2 of every place from the middle, [Cy, Cx], pixels squared."""
+    """Squared distance d^2 of every position from the middle, [Cy, Cx], pixels squared."""
     _, _, width, height = box
     distances = np.zeros(grid.positions)
     for i in range(grid.positions[0]):
@@ -22,21 +21,22 @@ def squared_distances(box: Floats, grid: Grid) -> Floats:
     return distances
 
 
-def score_map(
-    evidence: Floats,
+def with_motion_prior(
+    score_map: Floats,
     box: Floats,
-    frame_shape: tuple[int, int],
+    frame_shape: tuple[int, ...],
     grid: Grid,
     prior: float,
-    slack: float = 0.0,
+    overhang: float = 0.0,
 ) -> Floats:
-    """Scores [Cy, Cx]: evidence - prior * d^2 / (w h), minus infinity where the object cannot be.
+    """The score map less prior * d^2 / (w h), minus infinity where the object cannot be.
 
-    box: [4], the last one. frame_shape: H, W. prior, slack: see `Settings`.
+    score_map: [Cy, Cx]. box: [4], the last one. frame_shape: H, W. overhang: see `reachable`.
+    Returns [Cy, Cx].
     """
     _, _, width, height = box
-    scores = evidence - prior * squared_distances(box, grid) / (width * height)
-    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, slack)
+    scores = score_map - prior * squared_distances(box, grid) / (width * height)
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, overhang)
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
             y, x = i - grid.margin_rows, j - grid.margin_columns
@@ -45,14 +45,14 @@ def score_map(
     return scores
 
 
-def peak(scores: Floats, distances: Floats, fine: bool = False) -> Floats:
+def peak(scores: Floats, distances: Floats, subcell: bool = False) -> Floats:
     """Displacement [2] (down, across) of the peak from the middle, cells.
 
-    Of the places within 1e-3 of the highest score take the one nearest to the middle, and with it
-    all those connected to it, also diagonally: the centroid of this plateau.
+    Of the positions within 1e-3 of the highest score take the one nearest to the middle, and with
+    it all those connected to it, also diagonally: the centroid of this plateau.
 
-    scores: [Cy, Cx], from `score_map`. distances: [Cy, Cx], from `squared_distances`.
-    fine: move a plateau of one place, along each axis, to the peak of a parabola.
+    scores: [Cy, Cx], from `with_motion_prior`. distances: [Cy, Cx], from `squared_distances`.
+    subcell: move a plateau of one position, along each axis, to the peak of a parabola.
     """
     high = scores >= scores.max() - PLATEAU
     nearest = np.unravel_index(np.argmin(np.where(high, distances, np.inf)), high.shape)
@@ -60,7 +60,7 @@ def peak(scores: Floats, distances: Floats, fine: bool = False) -> Floats:
     members = np.argwhere(plateaus == plateaus[nearest])
     middle = (np.array(scores.shape) - 1) / 2
     found = members.mean(axis=0) - middle
-    if fine and len(members) == 1:
+    if subcell and len(members) == 1:
         i, j = (int(index) + 1 for index in members[0])
         around = np.pad(scores, 1, constant_values=-np.inf)
         found[0] += parabola_peak(around[i - 1, j], around[i, j], around[i + 1, j])
@@ -68,7 +68,15 @@ def peak(scores: Floats, distances: Floats, fine: bool = False) -> Floats:
     return found
 
 
-def move(box: Floats, displacement: Floats, frame_shape: tuple[int, int], grid: Grid) -> Floats:
+def parabola_peak(before: float, here: float, after: float) -> float:
+    """Where the parabola through the values at -1, 0, 1 has its peak, at most 1/2 away."""
+    if not np.isfinite([before, here, after]).all() or before + after >= 2 * here:
+        return 0.0
+    square, linear = (before + after) / 2 - here, (after - before) / 2
+    return float(min(max(-linear / (2 * square), -0.5), 0.5))
+
+
+def move(box: Floats, displacement: Floats, frame_shape: tuple[int, ...], grid: Grid) -> Floats:
     """The box [4] moved by so many cells (down, across), its centre clipped into the frame."""
     x, y, width, height = box
     centre_x = x + displacement[1] * width / grid.columns + width / 2
@@ -78,10 +86,10 @@ def move(box: Floats, displacement: Floats, frame_shape: tuple[int, int], grid: 
     return np.array([centre_x - width / 2, centre_y - height / 2, width, height])
 
 
-def nearest_place(displacement: Floats, grid: Grid) -> Integers:
-    """Row and column [2] in the map of the place nearest to a displacement, halves to even.
+def nearest_position(displacement: Floats, grid: Grid) -> Integers:
+    """Row and column [2] in the map of the position nearest to a displacement, halves to even.
 
-    Rounded is the displacement from the middle, not the position in the map.
+    Rounded is the displacement from the middle, not the row and column.
     """
     middle = np.array([grid.margin_rows, grid.margin_columns])
     return np.rint(displacement).astype(np.int64) + middle

@@ -1,6 +1,6 @@
 """How a selector chooses one weak classifier from its own pool (Algorithm 2).
 
-phi: [..., L, M], the votes of each selector's pool on the training rows, +1 or -1. y: [L], the
+phi: [..., L, M], the votes of each selector's pool on the training samples, +1 or -1. y: [L], the
 labels. Every function returns [...], indices in [0, M). Ties matter: the winner is always the
 first whose score is within a relative tolerance of the best.
 """
@@ -44,7 +44,7 @@ def select_l1(
 def label_noise(phi: Floats, y: Floats, lam: float, iterations: int) -> Floats:
     """The noise e of the box and of the corners, [5], in the mean over all problems.
 
-    phi: [..., L, M]. The box stands in the first four rows, whose e are the same.
+    phi: [..., L, M]. The box is the first four samples, whose e are the same.
     """
     _, e = fista(phi, y, lam, iterations)
     return e.reshape(-1, len(y)).mean(axis=0)[[0, 4, 5, 6, 7]]
@@ -59,7 +59,7 @@ def select_error(errors: Floats) -> Integers:
 
 
 def select_first(phi: Floats, y: Floats) -> Integers:
-    """The first column that is right on the most rows of this frame."""
+    """The first column that is right on the most samples of this frame."""
     chosen = np.zeros(phi.shape[:-2], np.int64)
     for problem in np.ndindex(chosen.shape):
         chosen[problem] = first_best((phi[problem] == y[:, None]).sum(axis=0).astype(np.float64))
@@ -74,10 +74,10 @@ def select_mil(phi: Floats, y: Floats) -> Integers:
 
     phi: [K, N, L, M]. Returns [K, N].
     """
-    parts, selectors, rows, _ = phi.shape
+    parts, selectors, samples, _ = phi.shape
     chosen = np.zeros((parts, selectors), np.int64)
     for k in range(parts):
-        strong = np.zeros(rows)
+        strong = np.zeros(samples)
         for n in range(selectors):
             totals = strong[:, None] + phi[k, n]
             chosen[k, n] = first_best(bag_log_likelihood(totals, y))
@@ -86,10 +86,10 @@ def select_mil(phi: Floats, y: Floats) -> Integers:
 
 
 def bag_log_likelihood(totals: Floats, y: Floats) -> Floats:
-    """Log likelihood [M] of the bags under row probabilities p = logistic(total).
+    """Log likelihood [M] of the bags under sample probabilities p = logistic(total).
 
-    All rows labelled +1 are one positive bag of probability 1 - prod (1 - p_i); every row labelled
-    -1 is a negative bag.
+    All samples labelled +1 are one positive bag of probability 1 - prod (1 - p_i); every sample
+    labelled -1 is a negative bag.
 
     totals: [L, M], H + h_m. y: [L].
     """

@@ -2,8 +2,8 @@
 
     min over beta >= 0 and e of  ||Phi beta + e - y||^2 + lambda (sum beta + sum |e|)
 
-phi: [L, M], the votes of M weak classifiers on L rows. y: [L], the labels. beta: [M]. e: [L], the
-label noise. lam: lambda.
+phi: [L, M], the votes of M weak classifiers on L samples. y: [L], the labels. beta: [M]. e: [L],
+the label noise. lam: lambda.
 """
 
 import numpy as np
@@ -83,7 +83,7 @@ def solve_exactly(
 ) -> tuple[Floats, Floats]:
     """A minimiser beta [M], e [L], by a finite method that has nothing in common with `fista`.
 
-    lam_noise: the noise's own lambda. weights: [L] positive, how often each row counts.
+    lam_noise: the noise's own lambda. weights: [L] positive, how often each sample counts.
 
     With W = [Phi I -I], c = [beta e+ e-] >= 0 the dual problem is to project y onto the polyhedron
     W't <= lambda / 2, and c are its multipliers. Least distance programming (Lawson and Hanson,
@@ -92,15 +92,15 @@ def solve_exactly(
 
     Raises RuntimeError if the duality gap of the result is not 0 to rounding.
     """
-    rows, columns = phi.shape
-    root = np.ones(rows) if weights is None else np.sqrt(weights)
+    samples, columns = phi.shape
+    root = np.ones(samples) if weights is None else np.sqrt(weights)
     noise_limit = root * (lam if lam_noise is None else lam_noise) / 2
     limit = np.concatenate([np.full(columns, lam / 2), noise_limit, noise_limit])
-    w = np.hstack([root[:, None] * phi, np.eye(rows), -np.eye(rows)])
+    w = np.hstack([root[:, None] * phi, np.eye(samples), -np.eye(samples)])
     target = root * y
     # min ||z||, -W'z >= W'y - limit, z = t - y
     system = np.vstack([-w, w.T @ target - limit])
-    corner = np.append(np.zeros(rows), 1.0)
+    corner = np.append(np.zeros(samples), 1.0)
     for attempt in range(ORDERS):
         # On votes, many of whose columns are equal, `nnls` stops short in one case in a thousand,
         # another one in another order of the columns.
@@ -117,5 +117,5 @@ def solve_exactly(
             break
     else:
         raise RuntimeError(f"the reference solution has a duality gap of {gap}")
-    beta, noise = c[:columns], c[columns : columns + rows] - c[columns + rows :]
+    beta, noise = c[:columns], c[columns : columns + samples] - c[columns + samples :]
     return beta, noise / root

@@ -25,7 +25,7 @@ def strong_map(
     alpha: Floats,
     grid: Grid,
 ) -> Floats:
-    """H^k = sum_n alpha_n h_n / sum_n alpha_n of one part at every place, [Cy, Cx] in [-1, 1].
+    """H^k = sum_n alpha_n h_n / sum_n alpha_n of one part at every position, [Cy, Cx] in [-1, 1].
 
     window_integral: [Gy + 1, Gx + 1]. The rest belongs to the part's N selected features: corners
     and weights [N, 9], means and sigma [N, 2], alpha [N]. 0 everywhere if all alpha are 0.
@@ -55,10 +55,10 @@ def part_probabilities(strong: Floats, smoothing: float) -> Floats:
     return np.stack([smooth((1 + part) / 2, smoothing) for part in strong])
 
 
-def evidence(probabilities: Floats, smoothing: float) -> Floats:
-    """Smoothed evidence -sum_k ln(max(1 - p_k, 1e-6)) for the object, [Cy, Cx].
+def score_map(probabilities: Floats, smoothing: float) -> Floats:
+    """The score map [Cy, Cx]: -sum_k ln(max(1 - p_k, 1e-6)), smoothed.
 
-    probabilities: [K, Cy, Cx]. The Noisy-OR of the parts is 1 - exp(-evidence).
+    probabilities: [K, Cy, Cx]. The Noisy-OR of the parts is 1 - exp(-score).
     """
     total = np.zeros(probabilities.shape[1:])
     for part in probabilities:

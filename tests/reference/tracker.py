@@ -1,42 +1,43 @@
-"""The whole tracker: Algorithm 1 in `Tracker.step`, Algorithm 2 in `Tracker.learn` and `choose`."""
+"""The whole tracker: Algorithm 1 in `Tracker.step`, Algorithm 2 in `update_weak` and `select`.
 
-from dataclasses import dataclass
-from typing import NamedTuple, Self
+What the default has beyond the paper has one `if` for each component wherever it acts.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from . import selection, strong, weak
-from .records import Floats, Integers, Pool, Settings
-from .samples import LABELS, training_places, training_responses
-from .search import move, nearest_place, peak, score_map, squared_distances
-from .window import cell_means, integral
+from . import redetection, scale, selection, strong, translation, verification, weak
+from .descriptors import describe_scales
+from .filters import Filter
+from .records import Candidate, Floats, Integers, Maps, Pool, Settings, StepInfo
+from .samples import LABELS, training_positions, training_responses
+from .search import move, nearest_position, peak, squared_distances, with_motion_prior
+from .translation import TranslationState
+from .verification import VerificationState
+from .window import integral, window_cells
 
-
-class Maps(NamedTuple):
-    """What the search looks at, for every candidate place.
-
-    probabilities: [K, Cy, Cx], of the parts, smoothed. evidence: [Cy, Cx], smoothed.
-    scores: [Cy, Cx], evidence less the motion prior, minus infinity where it cannot be.
-    """
-
-    probabilities: Floats
-    evidence: Floats
-    scores: Floats
+HERE = np.zeros(2)  # no displacement
 
 
 @dataclass
 class Tracker:
     """One track and all it remembers; `Tracker.init` starts one, the constructor resumes one.
 
-    box: [4], x, y, w, h, pixels. pool: `Pool`, or anything with its three fields.
+    box: [4], x, y, w, h, pixels. initial_size: [2], w and h of the initial box, pixels.
+    pool: `Pool`, or anything with its three fields.
     means: [F, 2], column 0 background, column 1 object. sigma: [F, 2], or None with "midpoint".
     variance: [2], P of each class, or one number for both. correct, wrong: [F], from 1.
     selected: [K, N] in [0, M). alpha: [K, N].
-    The arrays are copied; the copies are float64 (indices int64).
+    translation, scale, verification: of the components, None where one is switched off.
+    The arrays are copied; the copies are float64 (indices int64). None is changed in place.
     """
 
     settings: Settings
     box: Floats
+    initial_size: Floats
     pool: Pool
     means: Floats
     sigma: Floats | None
@@ -45,9 +46,13 @@ class Tracker:
     wrong: Floats
     selected: Integers
     alpha: Floats
+    translation: TranslationState | None = None
+    scale: Filter | None = None
+    verification: VerificationState | None = None
 
     def __post_init__(self) -> None:
         self.box = np.array(self.box, np.float64)
+        self.initial_size = np.array(self.initial_size, np.float64)
         self.pool = Pool(
             np.array(self.pool.corners, np.int64),
             np.array(self.pool.weights, np.float64),
@@ -63,7 +68,7 @@ class Tracker:
 
     @classmethod
     def init(cls, frame: np.ndarray, box: Floats, pool: Pool, settings: Settings) -> Self:
-        """A track that has learnt the object from its first frame.
+        """A track that has learned the object from its first frame.
 
         frame: uint8 [H, W] or [H, W, 3]. box: [4], x, y, w, h, pixels.
         """
@@ -72,6 +77,7 @@ class Tracker:
         tracker = cls(
             settings,
             box,
+            box[2:],
             pool,
             means=np.zeros((features, 2)),
             sigma=weak.first_sigma(pool.boxes) if settings.weak == "gaussian" else None,
@@ -81,34 +87,75 @@ class Tracker:
             selected=np.zeros(of_selectors, np.int64),
             alpha=np.zeros(of_selectors),
         )
-        responses = tracker.training_rows(frame)
+        cells = tracker.window(frame, tracker.box)
+        responses = tracker.training_samples(cells, frame.shape)
         for _ in range(settings.first_updates):
-            tracker.learn(responses)
-        tracker.choose(responses)
+            tracker.update_weak(responses)
+        tracker.select(responses)
+        descriptions = tracker.describe(cells, HERE)
+        if settings.translation:
+            tracker.translation = translation.init(cells, settings.grid)
+        if settings.scale:
+            tracker.scale = scale.init(descriptions)
+        if settings.verification:
+            tracker.verification = verification.init(own_scale(descriptions))
         return tracker
 
-    def step(self, frame: np.ndarray) -> tuple[Floats, float, Floats]:
-        """Algorithm 1: find the object in the next frame and learn from it.
+    def step(self, frame: np.ndarray) -> StepInfo:
+        """Algorithm 1: find the object in the next frame and learn from it."""
+        # Lines 1-3: where in the window around its last position is the object most likely?
+        best = self.localise(frame, self.box)
+        if self.settings.redetection:
+            best = self.search_elsewhere(frame, best)
+        # Line 4 and Algorithm 2: what there is to learn at the new position.
+        updated = replace(self, box=best.box)
+        cells = self.window(frame, best.box)
+        noise = updated.update(cells, frame.shape)
+        confidence = math.nan
+        if self.settings.verification:
+            confidence = self.verify(cells, updated)
+        else:
+            self.become(updated)
+        return StepInfo(
+            self.output(best.box),
+            confidence,
+            best.noisy_or,
+            best.part_scores,
+            self.is_lost(),
+            noise,
+        )
 
-        Returns box [4] in pixels, confidence and part scores [K], both in [0, 1] to rounding.
-        """
-        grid = self.settings.grid
-        maps = self.search(frame)
-        displacement = peak(maps.scores, squared_distances(self.box, grid))
-        row, column = nearest_place(displacement, grid)
-        confidence = float(1 - np.exp(-maps.evidence[row, column]))
-        part_scores = maps.probabilities[:, row, column]
-
-        self.box = move(self.box, displacement, frame.shape[:2], grid)
-        responses = self.training_rows(frame)
-        self.learn(responses)
-        self.choose(responses)
-        return self.box.copy(), confidence, part_scores
-
-    def search(self, frame: np.ndarray) -> Maps:
-        """The maps of the window around the last box in this frame."""
+    def localise(self, frame: np.ndarray, box: Floats) -> Candidate:
+        """The most likely position, and size, of the object in the window around a box."""
         settings, grid = self.settings, self.settings.grid
-        window_integral = integral(cell_means(frame, self.box, grid))
+        cells = self.window(frame, box)
+        maps = self.search(cells, box, frame.shape)
+        subcell = settings.translation is not None
+        displacement = peak(maps.scores, squared_distances(box, grid), subcell)
+        row, column = nearest_position(displacement, grid)
+        noisy_or = float(1 - np.exp(-maps.score_map[row, column]))
+
+        box = move(box, displacement, frame.shape, grid)
+        descriptions = self.describe(cells, displacement)
+        confidence, pull, keep_size = math.nan, 0.0, False
+        if self.verification and settings.verification:
+            similarity = verification.similarity(
+                self.verification, own_scale(descriptions), settings.verification
+            )
+            confidence = verification.score(similarity, settings.verification)
+            # Behind something, perhaps, the object keeps its size.
+            keep_size = not confidence > settings.verification.learn_above
+            if settings.scale:
+                pull = scale.pull(box, self.initial_size, similarity, settings.scale)
+        if self.scale and settings.scale and not keep_size:
+            steps = scale.estimate(self.scale, descriptions) - pull
+            box = scale.resize(box, steps, frame.shape, settings.scale)
+        return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column])
+
+    def search(self, cells: Floats, box: Floats, frame_shape: tuple[int, ...]) -> Maps:
+        """What there is at every position in the window [Gy, Gx] around a box."""
+        settings, grid = self.settings, self.settings.grid
+        window_integral = integral(cells)
         maps = []
         for k in range(settings.parts):
             features = self.selected_features()[k]
@@ -124,19 +171,89 @@ class Tracker:
                 )
             )
         probabilities = strong.part_probabilities(np.stack(maps), settings.smoothing)
-        evidence = strong.evidence(probabilities, settings.smoothing)
-        scores = score_map(
-            evidence, self.box, frame.shape[:2], grid, settings.prior, settings.slack
+        score_map = strong.score_map(probabilities, settings.smoothing)
+        scores = score_map
+        if self.translation and settings.translation:
+            scores = scores + translation.score(self.translation, cells, settings.translation, grid)
+        scores = with_motion_prior(
+            scores, box, frame_shape, grid, settings.prior, settings.overhang
         )
-        return Maps(probabilities, evidence, scores)
+        return Maps(probabilities, score_map, scores)
 
-    def training_rows(self, frame: np.ndarray) -> Floats:
-        """Values [F, L] of all features on the training rows around the present box."""
+    def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
+        """The candidate, or a better one in further windows if the object was missed last."""
+        state, settings = self.verification, self.settings.redetection
+        assert state
+        assert settings
+        for box in redetection.search_windows(
+            self.box, state.num_missed, frame.shape, self.settings.window_factor, settings
+        ):
+            other = self.localise(frame, box)
+            if other.confidence > max(best.confidence, settings.accept_above):
+                best = other
+        return best
+
+    def update(self, cells: Floats, frame_shape: tuple[int, ...]) -> Floats:
+        """Learn the object from the window [Gy, Gx] around the present box, but for its template.
+
+        Returns the label noise of the box and of the four corners, [5].
+        """
+        settings = self.settings
+        responses = self.training_samples(cells, frame_shape)
+        self.update_weak(responses)
+        noise = self.select(responses)
+        if self.translation and settings.translation:
+            self.translation = translation.update(
+                self.translation, cells, settings.translation, settings.grid
+            )
+        if self.scale and settings.scale:
+            self.scale = scale.update(self.scale, self.describe(cells, HERE), settings.scale)
+        return noise
+
+    def verify(self, cells: Floats, updated: Self) -> float:
+        """Become the updated track only if the object is verified well enough to be learned.
+
+        A candidate that is verified moves the box all the same; if it is not, the next search is
+        around the last one. Returns the confidence.
+
+        cells: [Gy, Gx], of the window around the candidate.
+        """
+        state, settings = self.verification, self.settings.verification
+        assert state
+        assert settings
+        description = own_scale(self.describe(cells, HERE))
+        similarity = verification.similarity(state, description, settings)
+        confidence = verification.score(similarity, settings)
+        state = verification.step(state, confidence, settings)
+        if confidence > settings.learn_above:
+            self.become(updated)
+            state = verification.update(state, description, settings)
+        elif state.num_missed == 0:
+            self.box = updated.box
+        self.verification = state
+        return confidence
+
+    def is_lost(self) -> bool:
+        """Whether the object is lost; never without verification."""
+        settings = self.settings.verification
+        if self.verification and settings:
+            return verification.is_lost(self.verification, settings)
+        return False
+
+    def output(self, box: Floats) -> Floats:
+        """The box [4] that is reported: as estimated, or of the initial size around its centre."""
+        if self.settings.output_size == "estimated":
+            return box.copy()
+        centre = box[:2] + box[2:] / 2
+        return np.concatenate([centre - self.initial_size / 2, self.initial_size])
+
+    def training_samples(self, cells: Floats, frame_shape: tuple[int, ...]) -> Floats:
+        """Values [F, L] of all features on the training samples in the window around the box."""
         grid = self.settings.grid
-        places = training_places(self.box, frame.shape[:2], grid, self.settings.slack)
-        return training_responses(cell_means(frame, self.box, grid), places, self.pool, grid)
+        positions = training_positions(self.box, frame_shape, grid, self.settings.overhang)
+        return training_responses(cells, positions, self.pool, grid)
 
-    def learn(self, responses: Floats) -> None:
+    def update_weak(self, responses: Floats) -> None:
         """One update of all weak classifiers, and the count of right and wrong votes after it.
 
         responses: [F, L].
@@ -144,19 +261,27 @@ class Tracker:
         self.means, self.sigma, self.variance = weak.kalman_update(
             responses, LABELS, self.means, self.sigma, self.variance
         )
-        rows = weak.votes(responses, self.means, self.sigma)
-        self.correct, self.wrong = weak.count(rows, LABELS, self.correct, self.wrong)
+        predicted = weak.votes(responses, self.means, self.sigma)
+        self.correct, self.wrong = weak.count(predicted, LABELS, self.correct, self.wrong)
 
-    def choose(self, responses: Floats) -> None:
-        """Every selector chooses from its pool by the votes on these rows, [F, L]."""
+    def select(self, responses: Floats) -> Floats:
+        """Every selector chooses from its pool by the votes on these samples, [F, L].
+
+        Returns the label noise of the box and the four corners, [5].
+        """
         settings = self.settings
         pools = (settings.parts, settings.selectors, settings.pool_size)
-        rows = weak.votes(responses, self.means, self.sigma)
-        phi = np.swapaxes(rows.reshape(*pools, len(LABELS)), -1, -2)  # [K, N, L, M]
+        predicted = weak.votes(responses, self.means, self.sigma)
+        phi = np.swapaxes(predicted.reshape(*pools, len(LABELS)), -1, -2)  # [K, N, L, M]
         errors = weak.error(self.correct, self.wrong)
+        noise = np.zeros(5)
         match settings.selector:
             case "l1":
-                self.selected = selection.select_l1(phi, LABELS, settings.lam, settings.iterations)
+                by_selector = errors.reshape(pools) if settings.tie == "error" else None
+                self.selected = selection.select_l1(
+                    phi, LABELS, settings.lam, settings.iterations, by_selector
+                )
+                noise = selection.label_noise(phi, LABELS, settings.lam, settings.iterations)
             case "error":
                 self.selected = selection.select_error(errors.reshape(pools))
             case "first":
@@ -164,9 +289,29 @@ class Tracker:
             case "mil":
                 self.selected = selection.select_mil(phi, LABELS)
         self.alpha = strong.voting_weight(errors[self.selected_features()])
+        return noise
 
     def selected_features(self) -> Integers:
         """Index [K, N] in the pool of all F features of what each selector has chosen."""
         settings = self.settings
         first_of_pool = np.arange(settings.parts * settings.selectors) * settings.pool_size
         return first_of_pool.reshape(self.selected.shape) + self.selected
+
+    def window(self, frame: np.ndarray, box: Floats) -> Floats:
+        """The cells [Gy, Gx] of the window around a box."""
+        return window_cells(frame, box, self.settings.grid)
+
+    def describe(self, cells: Floats, displacement: Floats) -> Floats:
+        """The patch there at S scales, or at its own if there is no scale filter: [S, D]."""
+        return describe_scales(
+            cells, displacement, scale.factors(self.settings.scale), self.settings.grid
+        )
+
+    def become(self, other: Self) -> None:
+        """Take over all that another track remembers."""
+        vars(self).update(vars(other))
+
+
+def own_scale(descriptions: Floats) -> Floats:
+    """The description [D] at the present scale, the middle one of [S, D]."""
+    return descriptions[len(descriptions) // 2]

@@ -4,14 +4,14 @@ import numpy as np
 
 from .records import Floats
 
-FIRST_VARIANCE = 1000.0  # P of the Kalman filter before the first row
+FIRST_VARIANCE = 1000.0  # P of the Kalman filter before the first sample
 NOISE = 0.01  # R of the Kalman filter
 LEAST_GAIN = 0.001
 LEAST_SIGMA = 1.0  # grey values
 
 
 def first_sigma(boxes: np.ndarray) -> Floats:
-    """Standard deviations before the first row, [F, 2], of features of so many boxes [F].
+    """Standard deviations before the first sample, [F, 2], of features of so many boxes [F].
 
     The values of one box are taken as uniform over 256 grey levels: variance 256^2 / 12.
     """
@@ -22,9 +22,9 @@ def first_sigma(boxes: np.ndarray) -> Floats:
 def kalman_update(
     responses: Floats, labels: Floats, means: Floats, sigma: Floats | None, variance: Floats
 ) -> tuple[Floats, Floats | None, Floats]:
-    """The class models after all rows, one after the other.
+    """The class models after all samples, one after the other.
 
-    For a row x of a class: K = max(P / (P + R), 0.001), mean += K (x - mean),
+    For a sample x of a class: K = max(P / (P + R), 0.001), mean += K (x - mean),
     sigma^2 <- K (x - mean)^2 + (1 - K) sigma^2 with the new mean, P <- P R / (P + R).
 
     responses: [F, L]. labels: [L], +1 object, -1 background. means, sigma: [F, 2], column 0
@@ -33,9 +33,9 @@ def kalman_update(
     """
     means, variance = means.copy(), variance.copy()
     sigma = None if sigma is None else sigma.copy()
-    for row, label in enumerate(labels):
+    for sample, label in enumerate(labels):
         k = 1 if label > 0 else 0
-        x, p = responses[:, row], variance[k]
+        x, p = responses[:, sample], variance[k]
         gain = max(p / (p + NOISE), LEAST_GAIN)
         means[:, k] += gain * (x - means[:, k])
         if sigma is not None:
@@ -74,9 +74,11 @@ def votes(responses: Floats, means: Floats, sigma: Floats | None) -> Floats:
     return vote_gaussian(responses, background, target, sigma[:, 0, None], sigma[:, 1, None])
 
 
-def count(rows: Floats, labels: Floats, correct: Floats, wrong: Floats) -> tuple[Floats, Floats]:
-    """The counts lambda_c, lambda_w [F] after these votes: rows [F, L], labels [L]."""
-    right = rows == labels
+def count(
+    predicted: Floats, labels: Floats, correct: Floats, wrong: Floats
+) -> tuple[Floats, Floats]:
+    """The counts lambda_c, lambda_w [F] after these votes: predicted [F, L], labels [L]."""
+    right = predicted == labels
     return correct + right.sum(axis=1), wrong + (~right).sum(axis=1)
 
 

@@ -41,6 +41,18 @@ def cell_means(frame: np.ndarray, box: Floats, grid: Grid) -> Floats:
     return means
 
 
+def window_cells(frame: np.ndarray, box: Floats, grid: Grid) -> Floats:
+    """`cell_means` less the grey value of the pixel at the box's centre, [Gy, Gx].
+
+    What is 0, as all beyond the window is in a description, is as grey as that pixel.
+    """
+    values = grey(frame)
+    x, y, width, height = box
+    row = int(min(max(y + height / 2, 0), values.shape[0] - 1))
+    column = int(min(max(x + width / 2, 0), values.shape[1] - 1))
+    return cell_means(frame, box, grid) - values[row, column]
+
+
 def integral(cells: Floats) -> Floats:
     """Integral image: entry (i, j) is the sum of the cells above row i and left of column j.
 
