@@ -181,8 +181,9 @@ def _gated(
 ) -> tuple[State, Candidate]:
     """The updated state where the object is verified, and else the last; with the confidence.
 
-    It is verified once more in the window around the new box, whose size has changed. Where it is
-    missed, the search continues from where it was last.
+    It is verified once more in the window around the new box, whose size has changed. A frame is
+    learned from above `learn_above`, also while the object is lost. Otherwise, where it is missed,
+    the search continues from where it was last.
     """
     known, settings = state.verification, config.verification
     assert known

@@ -143,14 +143,15 @@ class Candidate(NamedTuple):
 class StepInfo(NamedTuple):
     """What one frame yields.
 
-    box: [4] float32, x, y, w, h in pixels.
+    box: [4] float32, x, y, w, h in pixels, of the best candidate: also where the object is missed,
+        and the search continues from the last box of the state.
     confidence: [] float32 in [0, 1], probability that the box overlaps the object by more than
         half; NaN without verification, as in the paper's setting.
     noisy_or: [] float32 in [0, 1], the Noisy-OR of the parts at the position, the paper's
         confidence: near 1 whether the object is there or not.
     part_scores: [K] float32 in [0, 1], each part's probability there.
-    lost: [] bool, whether the object has not been verified for `Verification.patience` frames.
-        Nothing is learned then. False without verification.
+    lost: [] bool, whether the object has not been verified for `Verification.patience` frames; a
+        confidence above `recover_above` ends it. False without verification.
     noise: [R] float32, the selection's e for the frame's training samples, the mean over selectors
         (eq. 14): how much the model corrects the label of the tracked box, sample 0, and of the
         four corners of the window. 0 for a selector other than "l1".

@@ -22,7 +22,8 @@ def describe(
 ) -> Float[Array, "S D"]:
     """Descriptions of the object's patch at a position, at S scales: [S, D].
 
-    The patch is resampled from the window's integral image by exact area means.
+    The patch is resampled from the window's integral image by exact area means. Beyond the window
+    it has the grey value of the pixel at the centre of the window's box.
 
     integral: [G_y + 1, G_x + 1], of a window. displacement: [2] down and right from the middle of
     the window, cells. factors: [S], scales relative to the object's.
