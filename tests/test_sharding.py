@@ -27,8 +27,8 @@ import jax.numpy as jnp
 import numpy as np
 import dcs_jax
 from dcs_jax.runners import sharding
-from tests.settings import SMALL
-from tests.test_sharding import BOXES, clip_frames
+from settings import SMALL
+from test_sharding import BOXES, clip_frames
 
 mesh = jax.make_mesh((devices * processes,), ("batch",))
 one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL, mesh=mesh)
@@ -53,8 +53,9 @@ def run(tmp_path, devices, processes):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    root = str(Path(__file__).parents[1])
-    environment = os.environ | {"PYTHONPATH": root, "JAX_PLATFORMS": "cpu"}
+    tests = Path(__file__).parent
+    path = os.pathsep.join(map(str, (tests, tests.parent)))
+    environment = os.environ | {"PYTHONPATH": path, "JAX_PLATFORMS": "cpu"}
     paths = [tmp_path / f"{number}.npz" for number in range(processes)]
     running = [
         subprocess.Popen(
