@@ -18,31 +18,31 @@ from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import ColumnSums, column_sums, window_integral
+from dcs_jax.core.window import ColumnSums, VideoFrame, window_integral
 from dcs_jax.extensions import redetection, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
 def init(
-    frame: ImageLike | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
+    frame: ImageLike | VideoFrame | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
 ) -> State:
     """Start a track: draw the features and learn the object from its first frame.
 
     frame: [H, W] grey or [H, W, 3] RGB, uint8; or its `column_sums`, which all tracks of one video
-        can share.
+        can share, or a `VideoFrame`, of which only what is looked at is read.
     box: [4], x, y, w, h in pixels, float32.
     key: decides the features, and with them everything else; or the features themselves.
     config: with canvas="native", as `config.resolve(box)` gives it.
 
     Raises ValueError where shapes, types or the box are not as stated.
     """
-    sums = _sums(frame)
-    check_box(box, sums.shape)
+    frame = _readable(frame)
+    check_box(box, frame.shape)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
-    window = window_integral(sums, box, config.grid)
-    values = responses(training_patches(window, box, sums.shape, config), pool)
+    window = window_integral(frame, box, config.grid)
+    values = responses(training_patches(window, box, frame.shape, config), pool)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
@@ -62,54 +62,60 @@ def init(
     )
 
 
-def step(state: State, frame: ImageLike | ColumnSums, config: Config) -> tuple[State, StepInfo]:
+def step(
+    state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Config
+) -> tuple[State, StepInfo]:
     """Follow the object into the next frame (Algorithm 1) and learn it there.
 
     frame: as given to `init`, of the same size as before.
     config: as given to `init`; its numbers may change from frame to frame.
     """
-    sums = _sums(frame)
+    frame = _readable(frame)
     _check_components(state, config)
-    localise = jax.tree_util.Partial(_localise, state, sums, config)
+    localise = jax.tree_util.Partial(_localise, state, frame, config)
     # Lines 1-3: where in the window around its last position is the object most likely?
-    best = localise(state.box)
-    if state.verification and config.redetection:
+    if config.redetection is None:
+        best = localise(state.box)
+    else:
+        assert state.verification
         num_missed = state.verification.num_missed
-        best = redetection.search(localise, best, state.box, num_missed, sums.shape, config)
+        best = redetection.search(localise, state.box, num_missed, frame.shape, config)
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
-    window = window_integral(sums, best.box, config.grid)
+    window = window_integral(frame, best.box, config.grid)
     descriptions = _describe(window, jnp.zeros(2, jnp.float32), config)
-    updated, noise = _update(state, best, window, descriptions, sums.shape, config)
+    updated, noise = _update(state, best, window, descriptions, frame.shape, config)
     if config.verification is not None:
         updated, best = _gated(state, updated, best, descriptions, config)
     return updated, _info(updated, best, noise, config)
 
 
-def score(state: State, frame: ImageLike | ColumnSums, config: Config) -> StepInfo:
+def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Config) -> StepInfo:
     """What the classifiers make of a frame at the position where the state has its box.
 
     After `init` this is the first row of a track, whose box is the initial one, not searched for.
     """
-    sums = _sums(frame)
+    frame = _readable(frame)
     _check_components(state, config)
-    window = window_integral(sums, state.box, config.grid)
+    window = window_integral(frame, state.box, config.grid)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     nowhere = jnp.zeros(2, jnp.float32)
-    here = _candidate(state, state.box, nowhere, maps, window, sums.shape, config)
+    here = _candidate(state, state.box, nowhere, maps, window, frame.shape, config)
     return _info(state, here._replace(box=state.box), jnp.zeros(len(LABELS), jnp.float32), config)
 
 
-def _localise(state: State, sums: ColumnSums, config: Config, box: Float[Array, "4"]) -> Candidate:
+def _localise(
+    state: State, frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]
+) -> Candidate:
     """The most likely position of the object in the window around a box (lines 1-3)."""
-    window = window_integral(sums, box, config.grid)
+    window = window_integral(frame, box, config.grid)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
     if state.translation and config.translation:
         score_map += translation.score(state.translation, window, config.translation, config.grid)
     # The translation filter's response is smooth, which the votes are not.
     subcell = config.translation is not None
-    displacement = find_peak(score_map, box, sums.shape, config, subcell=subcell)
-    return _candidate(state, box, displacement, maps, window, sums.shape, config)
+    displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell)
+    return _candidate(state, box, displacement, maps, window, frame.shape, config)
 
 
 def _candidate(
@@ -229,11 +235,11 @@ def _check_components(state: State, config: Config) -> None:
             )
 
 
-def _sums(frame: ImageLike | ColumnSums) -> ColumnSums:
-    if isinstance(frame, ColumnSums):
+def _readable(frame: ImageLike | VideoFrame | ColumnSums) -> VideoFrame | ColumnSums:
+    if isinstance(frame, (VideoFrame, ColumnSums)):
         return frame
     check_frame(frame)
-    return column_sums(jnp.asarray(frame))
+    return VideoFrame(jnp.asarray(frame)[None], jnp.zeros((), jnp.int32))
 
 
 def _move(

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int8, Int32, Integer, UInt8
 
 Frame = UInt8[Array, "H W *channels"]
+Frames = UInt8[Array, "T H W *channels"]
 # What users may pass; shapes and values are checked with errors of our own.
 ImageLike = jax.Array | np.ndarray
 BoxLike = jax.Array | np.ndarray | Sequence[float]

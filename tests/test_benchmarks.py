@@ -31,7 +31,7 @@ def test_profile_of_a_step(capsys, cache_key_restored):
     profile_step.main(["--setting", f"{SMALL} redetection=none", "--frames", "2"])
     printed = capsys.readouterr().out
     stages = set(re.findall(r"^\| ([a-zA-Z ]+) \| \d+ \| \d+% \| \d+ \|$", printed, re.MULTILINE))
-    assert stages > {"column sums", "window", "confidence map", "peak", "selection"}
+    assert stages > {"window", "confidence map", "peak", "selection"}
     assert stages > {"translation", "scale", "verification"}
     [every, alone] = re.findall(r"(\d+)(?: \(.*\))? us", printed.splitlines()[-1])
     assert int(every) > 0

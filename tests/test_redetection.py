@@ -66,13 +66,11 @@ def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_misse
     ],
 )
 def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, here, there, taken):
-    def look(confidence: jax.Array, box: jax.Array) -> Candidate:
-        return candidate(box, confidence)
+    def look(confidences: jax.Array, box: jax.Array) -> Candidate:
+        return candidate(box, jnp.where((box == BOX).all(), *confidences))
 
-    localise = jax.tree_util.Partial(look, jnp.float32(there))
-    best = candidate(BOX, jnp.float32(here))
-    missed = jnp.int32(num_missed)
-    found = redetection.search(localise, best, BOX, missed, SHAPE, CONFIG)
+    localise = jax.tree_util.Partial(look, jnp.array([here, there]))
+    found = redetection.search(localise, BOX, jnp.int32(num_missed), SHAPE, CONFIG)
     assert bool((found.box != BOX).any()) == taken
     assert found.confidence == pytest.approx(there if taken else here)
 
@@ -84,9 +82,8 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     config = Config(redetection=Redetection(windows=2))
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, config.window_factor)
     localise = jax.tree_util.Partial(here_only, target)
-    best = candidate(BOX, jnp.float32(0.2))
     found = [
-        redetection.search(localise, best, BOX, jnp.int32(missed), SHAPE, config).confidence > 0.9
+        redetection.search(localise, BOX, jnp.int32(missed), SHAPE, config).confidence > 0.9
         for missed in range(1, 6)
     ]
     assert found == [False, False, True, False, False]

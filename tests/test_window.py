@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcs_jax.config import Config
-from dcs_jax.core.window import column_sums, reach, to_grey, window_integral
+from dcs_jax.core.window import VideoFrame, column_sums, reach, to_grey, window_integral
 
 CONFIG = Config(canvas=(10, 12), window_factor=1.8)
 GRID = reference.Grid(*dataclasses.astuple(CONFIG.grid))
@@ -31,6 +31,11 @@ def random_frame(seed: int, *channels: int) -> np.ndarray:
 @jax.jit
 def integral_of(frame, box):
     return window_integral(column_sums(frame), box, CONFIG.grid)
+
+
+@jax.jit
+def from_a_block(frames, number, box):
+    return window_integral(VideoFrame(frames, number), box, CONFIG.grid)
 
 
 @jax.jit
@@ -89,3 +94,27 @@ def test_grey_values_are_those_of_the_reference():
 def test_equal_channels_are_their_own_grey_value(value):
     frame = jnp.full((2, 2, 3), value, jnp.uint8)
     assert (to_grey(frame) == value).all()
+
+
+@given(
+    x=st.floats(-60, 700, width=32),
+    y=st.floats(-60, 500, width=32),
+    w=st.floats(8, 600, width=32),
+    h=st.floats(8, 400, width=32),
+    number=st.integers(0, 1),
+)
+def test_a_window_from_a_block_is_that_from_the_whole_frame(x, y, w, h, number):
+    frames = np.random.default_rng(0).integers(0, 256, (2, 480, 640, 3), np.uint8)
+    box = np.array([x, y, w, h], np.float32)
+    # Bit for bit, so that a batch that shares column sums has the boxes of single tracks.
+    np.testing.assert_array_equal(
+        from_a_block(frames, number, box), integral_of(frames[number], box)
+    )
+
+
+def test_windows_from_blocks_under_vmap_are_the_single_ones():
+    frames = np.random.default_rng(0).integers(0, 256, (1, 480, 640), np.uint8)
+    many = jnp.array([[10.0, 20, 30, 40], [300, 200, 150, 90], [5, 5, 600, 400]])
+    together = jax.jit(jax.vmap(from_a_block, (None, None, 0)))(frames, 0, many)
+    for box, integral in zip(many, together, strict=True):
+        np.testing.assert_array_equal(integral, from_a_block(frames, 0, box))

@@ -2,7 +2,7 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int32
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.types import Candidate
@@ -11,18 +11,17 @@ from dcs_jax.types import Candidate
 Localise = jax.tree_util.Partial
 
 
-@jax.named_scope("redetection")
 def search(
     localise: Localise,
-    best: Candidate,
     box: Float[Array, "4"],
     num_missed: Int32[Array, ""],
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Candidate:
-    """The candidate, or a better one elsewhere if the object was missed in the last frame.
+    """The candidate around the box, or a better one elsewhere if the object was missed before.
 
-    In each frame a few of the search windows that cover the frame are searched, in turn.
+    In each frame a few of the search windows that cover the frame are searched, in turn: a loop of
+    one turn, or of one and these, so that what it takes to localise is compiled once.
     """
     settings = config.redetection
     assert settings is not None
@@ -30,27 +29,28 @@ def search(
 
     # Under vmap the tracks take turns, so that those which hold their object do not search.
     @jax.custom_batching.sequential_vmap
-    def elsewhere(
-        missed: Bool[Array, ""],
+    def search_all(
         localise: Localise,
-        best: Candidate,
         box: Float[Array, "4"],
         num_missed: Int32[Array, ""],
         accept_above: Float[Array, ""],
     ) -> Candidate:
         def search_next(turn: Int32[Array, ""], best: Candidate) -> Candidate:
-            number = windows * num_missed + turn
-            other = localise(search_window(box, number, frame_shape, config.window_factor))
+            number = windows * num_missed + turn - 1
+            elsewhere = search_window(box, number, frame_shape, config.window_factor)
+            other = localise(jnp.where(turn == 0, box, elsewhere))
             better = other.confidence > jnp.maximum(best.confidence, accept_above)
+            better |= turn == 0
             return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
 
-        def search_all() -> Candidate:
-            return jax.lax.fori_loop(jnp.int32(0), jnp.int32(windows), search_next, best)
+        shapes = jax.eval_shape(localise, box)
+        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        turns = jnp.where(num_missed > 0, 1 + windows, 1)
+        return jax.lax.fori_loop(0, turns, search_next, nothing)
 
-        return jax.lax.cond(missed, search_all, lambda: best)
-
-    arrays = jax.tree.map(jnp.asarray, (localise, best, box, num_missed, settings.accept_above))
-    return elsewhere(num_missed > 0, *arrays)
+    return search_all(
+        *jax.tree.map(jnp.asarray, (localise, box, num_missed, settings.accept_above))
+    )
 
 
 def search_window(

@@ -14,9 +14,8 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax import tracker
 from dcs_jax.config import Config
-from dcs_jax.core.window import ColumnSums, column_sums
-from dcs_jax.runners.sequence import Frames
-from dcs_jax.types import Frame, Pool, State, StepInfo
+from dcs_jax.core.window import ColumnSums, VideoFrame, column_sums, share_column_sums
+from dcs_jax.types import Frame, Frames, Pool, State, StepInfo
 
 # So many frames' column sums are held at a time: they take 8 bytes a pixel.
 _BLOCK = 4
@@ -51,16 +50,18 @@ def init_slots(
 ) -> tuple[State, StepInfo]:
     """`init` and `score` of the new slots; the others keep their state. Records [S, 1, ...]."""
     pool, frame = common
-    shared_sums = None if frame is None else column_sums(frame)
+    sums = None
+    if frame is not None and share_column_sums(len(each.new), frame.shape):
+        sums = column_sums(frame)
 
     def init_slot(slot: tuple[State, InitArguments]) -> tuple[State, StepInfo]:
-        old, (config, new, frame, box, key) = slot
-        sums = column_sums(frame) if shared_sums is None else shared_sums
+        old, (config, new, own_frame, box, key) = slot
+        shown = sums or (own_frame if frame is None else frame)
         features = key if pool is None else pool
 
         def init() -> tuple[State, StepInfo]:
-            state = tracker.init(sums, box, features, config)
-            return without_pool(state, pool), tracker.score(state, sums, config)
+            state = tracker.init(shown, box, features, config)
+            return without_pool(state, pool), tracker.score(state, shown, config)
 
         empty = _empty(jax.eval_shape(init)[1])
         state, info = jax.lax.cond(new, init, lambda: (old, empty))
@@ -74,14 +75,18 @@ def scan_slots(
 ) -> tuple[State, StepInfo]:
     """`step` of each slot through its number of frames. Records [S, T, ...], NaN after them."""
     pool, frames = common
-    if frames is None:
+    if frames is None or not share_column_sums(len(each.steps), frames.shape[1:]):
 
-        def scan_own(slot: tuple[State, ScanArguments]) -> tuple[State, StepInfo]:
-            state, (config, steps, frames) = slot
-            length = len(frames)
-            return _scan_slot(state, pool, config, lambda t: column_sums(frames[t]), length, steps)
+        def scan_alone(slot: tuple[State, ScanArguments]) -> tuple[State, StepInfo]:
+            state, (config, steps, own_frames) = slot
+            shown = own_frames if frames is None else frames
 
-        return jax.lax.map(scan_own, (states, each))
+            def frame_at(t: Int32[Array, ""]) -> VideoFrame:
+                return VideoFrame(shown, t)
+
+            return _scan_slot(state, pool, config, frame_at, len(shown), steps)
+
+        return jax.lax.map(scan_alone, (states, each))
 
     block = math.gcd(len(frames), _BLOCK)
 
@@ -109,7 +114,7 @@ def _scan_slot(
     state: State,
     pool: Pool | None,
     config: Config,
-    sums_of: Callable[[Int32[Array, ""]], ColumnSums],
+    frame_at: Callable[[Int32[Array, ""]], VideoFrame | ColumnSums],
     length: int,
     steps: Int32[Array, ""],
 ) -> tuple[State, StepInfo]:
@@ -117,7 +122,7 @@ def _scan_slot(
 
     def step(t: Int32[Array, ""], state: State) -> tuple[State, StepInfo]:
         full = state if pool is None else state._replace(pool=pool)
-        state, info = tracker.step(full, sums_of(t), config)
+        state, info = tracker.step(full, frame_at(t), config)
         return without_pool(state, pool), info
 
     def record(t: Int32[Array, ""], carry: tuple[State, StepInfo]) -> tuple[State, StepInfo]:

@@ -1,16 +1,16 @@
-"""Whole sequences: `step` scanned over the frames of a video, compiled once per shape."""
+"""Whole sequences: one track through one video."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, Int32
 
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_frames, check_key
 from dcs_jax.config import Config
-from dcs_jax.types import BoxLike, Frame, ImageLike, State, StepInfo, Track
-
-Frames = UInt8[Array, "T H W *channels"]
+from dcs_jax.core.window import VideoFrame
+from dcs_jax.runners.batch import track_batch
+from dcs_jax.types import BoxLike, Frame, Frames, ImageLike, State, StepInfo, Track
 
 
 def track_sequence(
@@ -26,8 +26,11 @@ def track_sequence(
         a side, and at least partly in the frame.
     key: random key that decides the features; by default `jax.random.key(0)`. The same key gives
         the same boxes, bit for bit.
-    config: settings. On a canvas (the default) only another shape of `frames` or another static
+    config: settings. On a canvas (the default) only another size of the frames or another static
         field is compiled; with canvas="native" another size of box is, too.
+
+    Runs by chunks of one length, so that another length T compiles nothing. Inside a transformation
+    such as jit or vmap it is one `lax.scan` over the frames.
 
     Raises ValueError, before any compilation, where an argument is not as stated.
     """
@@ -38,11 +41,14 @@ def track_sequence(
     check_key(key)
     if not isinstance(config, Config):
         raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
-    box = np.asarray(box, np.float32)
-    return _track(frames, box, key, config.resolve(box))
+    if any(
+        isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((frames, box, key, config))
+    ):
+        return _track(jnp.asarray(frames), jnp.asarray(box, jnp.float32), key, config)
+    tracks = track_batch(frames, np.asarray(box, np.float32)[None], key, config)
+    return Track(*(leaf[0] for leaf in tracks))
 
 
-@jax.jit
 def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
     state, first = init_track(frames[0], box, key, config)
     _, rest = track_chunk(state, frames[1:], config)
@@ -66,4 +72,9 @@ def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, St
     frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
     over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.
     """
-    return jax.lax.scan(lambda state, frame: tracker.step(state, frame, config), state, frames)
+
+    def step(state: State, index: Int32[Array, ""]) -> tuple[State, StepInfo]:
+        # Not the frames scanned over: each would be copied whole.
+        return tracker.step(state, VideoFrame(frames, index), config)
+
+    return jax.lax.scan(step, state, jnp.arange(len(frames), dtype=jnp.int32))

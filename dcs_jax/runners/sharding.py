@@ -129,7 +129,9 @@ def cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+# Compiled programs by what they depend on, the last used at the end; a limit bounds the memory.
 _programs: dict[Any, Any] = {}
+MOST_PROGRAMS = 32
 
 
 def _compiled(program: Program, mesh: Mesh | None, arguments: tuple[Any, ...]) -> Any:
@@ -152,6 +154,9 @@ def _compiled(program: Program, mesh: Mesh | None, arguments: tuple[Any, ...]) -
             )
         jitted = jax.jit(function, donate_argnums=0, compiler_options=_OPTIONS)
         _programs[key] = jitted.lower(*arguments).compile()
+        if len(_programs) > MOST_PROGRAMS:
+            del _programs[next(iter(_programs))]
+    _programs[key] = _programs.pop(key)
     return _programs[key]
 
 
