@@ -1,5 +1,6 @@
 """The confidence map over the search window and its peak (Algorithm 1, lines 1-3)."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -14,6 +15,10 @@ from dcs_jax.types import Pool, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
 _LEAST_MISS = 1e-6
+# A product of so many of them is still a normal float32.
+_FACTORS = 6
+# Numbers of 32 bits in a vector of the CPU (AVX2).
+_VECTOR = 8
 # Scores within this of the maximum belong to its plateau: well above what rounding makes of
 # equal sums, well below one more vote.
 _PLATEAU = 1e-3
@@ -57,7 +62,13 @@ def confidence_map(
     """
     votes = _part_votes(integral, pool, weak, strong, config.grid)
     parts = _smooth((1 + votes) / 2, config.smoothing)
-    unsmoothed = -jnp.log(jnp.maximum(1 - parts, _LEAST_MISS)).sum(0)
+    misses = list(jnp.maximum(1 - parts, _LEAST_MISS))
+    # The logarithm of a product costs less than those of its factors.
+    products = [
+        functools.reduce(jnp.multiply, misses[first : first + _FACTORS])
+        for first in range(0, len(misses), _FACTORS)
+    ]
+    unsmoothed = -functools.reduce(jnp.add, map(jnp.log, products))
     return ConfidenceMap(parts, unsmoothed, _smooth(unsmoothed, config.smoothing))
 
 
@@ -142,7 +153,7 @@ def _part_votes(
     selectors = jnp.arange(strong.selected.size).reshape(strong.selected.shape)
     chosen = strong.selected * strong.selected.size + selectors  # [K, N] in 0..F
     boxes = pool.boxes[chosen]
-    order = jnp.argsort(boxes, axis=1)
+    order = _stable_order(boxes)
     chosen, alpha = (jnp.take_along_axis(x, order, axis=1) for x in (chosen, strong.alpha))
     ends = jnp.stack([(boxes <= number).sum(1) for number in CORNERS_OF_BOXES], axis=1)  # [K, 3]
 
@@ -161,11 +172,24 @@ def _part_votes(
         ends: Int32[Array, "K 3"],
     ) -> Float[Array, "K C_y C_x"]:
         return jax.lax.map(
-            lambda part: _sum_votes(integral, part[0], part[1], grid.positions), (classifiers, ends)
+            lambda part: _sum_votes(integral, part[0], part[1], (height, padded)),
+            (classifiers, ends),
         )
 
+    height, width = grid.positions
+    # Rows of whole vectors: 64 places take three quarters of the time of 61.
+    padded = width + -width % _VECTOR
     total = strong.alpha.sum(1)[:, None, None]
-    return all_parts(integral, classifiers, ends) / jnp.where(total > 0, total, 1)
+    votes = all_parts(jnp.pad(integral, ((0, 0), (0, padded - width))), classifiers, ends)
+    return votes[:, :, :width] / jnp.where(total > 0, total, 1)
+
+
+def _stable_order(keys: Int32[Array, "K N"]) -> Int32[Array, "K N"]:
+    """`jnp.argsort` of each row, by comparing all with all: faster for rows this short."""
+    number = jnp.arange(keys.shape[1], dtype=jnp.int32)
+    keys = keys * len(number) + number
+    place = (keys[:, :, None] > keys[:, None]).sum(2)
+    return jnp.where(place[:, :, None] == number, number[:, None], 0).sum(1)
 
 
 def _sum_votes(

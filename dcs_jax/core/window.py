@@ -5,6 +5,7 @@ program serves targets of every size.
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import jax
@@ -17,8 +18,8 @@ from dcs_jax.types import Frame
 # ITU-R BT.601 luma in units of 1/16384. In integers a constant added to every channel adds exactly
 # that constant to the grey value.
 _LUMA = (4899, 9617, 1868)
-# Side of the smallest block that is cut from a frame, pixels; each next one is twice as large.
-_LEAST_BLOCK = 128
+# Sides of the blocks that are read from a frame, pixels; of larger windows fewer pixels are read.
+_BLOCKS = (128, 256, 512)
 # Side of the block of a target of some 100 pixels, for a choice made before its size is known. An
 # estimate: where shared column sums begin to pay has not been measured.
 _TYPICAL_BLOCK = 256
@@ -26,8 +27,8 @@ _TYPICAL_BLOCK = 256
 _ROUNDING = 1e-3
 
 
-def to_grey(frame: Frame) -> Int32[Array, "H W"]:
-    """Grey values in 0..255 of a uint8 frame [H, W] or [H, W, 3] (RGB): [H, W] int32."""
+def to_grey(frame: Frame | Int32[Array, "H W"]) -> Int32[Array, "H W"]:
+    """Grey values in 0..255 of a uint8 frame [H, W] or [H, W, 3] (RGB), or themselves: [H, W]."""
     frame = frame.astype(jnp.int32)
     if frame.ndim == 2:
         return frame
@@ -81,26 +82,23 @@ def window_integral(
     The integral up to a grid line is that of the rows of pixels above it and a fraction of the row
     that it cuts, and the same along the columns; outside the frame the nearest pixel is repeated.
     Grey values are relative to the pixel at the box's centre, and sums start at the window's first
-    pixels: the features do not depend on either, and float32 is exact for larger windows.
+    pixels: the features do not depend on either, and float32 is exact for larger windows. Of a
+    window of more than 512 pixels a side every second pixel is read, or every third and so on:
+    never fewer than 256 a side.
 
     frame: of which a block around the window is read; or its `column_sums`, which many boxes can
         share. box: [4] x, y, w, h in pixels.
     Returns [G_y + 1, G_x + 1] float32 in grey values times cells, its first row and column zero.
     """
-    if isinstance(frame, ColumnSums):
-        return _resample(frame, (0, 0), frame.shape, box, grid)
     shapes = _block_shapes(frame.shape[0], frame.shape[1])
-    _, _, w, h = box
-    rows = h * (1 + 2 * grid.margin_rows / grid.rows)
-    columns = w * (1 + 2 * grid.margin_columns / grid.columns)
-    # A window covers a pixel more than it has on both sides, where it begins within one.
-    fits = [(rows + 2 <= shape[0]) & (columns + 2 <= shape[1]) for shape in shapes[:-1]]
+    rows, columns = _extent(box, grid)
+    fits = [(rows <= shape[0]) & (columns <= shape[1]) for shape in shapes[:-1]]
     number = len(shapes) - 1 - sum((fit.astype(jnp.int32) for fit in fits), jnp.int32(0))
 
     # Under vmap the tracks take turns: all branches would be run.
     @jax.custom_batching.sequential_vmap
     def of_block(
-        number: Int32[Array, ""], frame: VideoFrame, box: Float[Array, "4"]
+        number: Int32[Array, ""], frame: VideoFrame | ColumnSums, box: Float[Array, "4"]
     ) -> Float[Array, "lines_y lines_x"]:
         branches = [functools.partial(_of_block, shape, grid) for shape in shapes]
         return jax.lax.switch(number, branches, frame, box)
@@ -109,79 +107,164 @@ def window_integral(
 
 
 def _block_shapes(height: int, width: int) -> list[tuple[int, int]]:
-    """Rows and columns of the blocks that are cut from a frame, the last one all of it."""
-    shapes = []
-    side = _LEAST_BLOCK
+    """Rows and columns of the blocks that are read from a frame, the last one for all windows."""
+    *smaller, largest = _BLOCKS
+    shapes = [(min(side, height), min(side, width)) for side in smaller]
     # A block of nearly the whole frame saves less than its branch costs to compile.
-    while min(side, height) * min(side, width) <= 0.6 * height * width:
-        shapes.append((min(side, height), min(side, width)))
-        side *= 2
-    return [*shapes, (height, width)]
+    shapes = [shape for shape in shapes if math.prod(shape) <= 0.6 * height * width]
+    return [*shapes, (min(largest, height), min(largest, width))]
+
+
+def _extent(box: Float[Array, "4"], grid: Grid) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Rows and columns of pixels that a window may touch: it begins and ends within one."""
+    _, _, w, h = box
+    rows = h * (1 + 2 * grid.margin_rows / grid.rows)
+    columns = w * (1 + 2 * grid.margin_columns / grid.columns)
+    return rows + 2, columns + 2
 
 
 def _of_block(
-    shape: tuple[int, int], grid: Grid, frame: VideoFrame, box: Float[Array, "4"]
+    shape: tuple[int, int], grid: Grid, frame: VideoFrame | ColumnSums, box: Float[Array, "4"]
 ) -> Float[Array, "lines_y lines_x"]:
-    """The integral image of a window that fits into a block of this shape."""
+    """The integral image of a window, from a block of so many rows and columns of pixels."""
     x, y, w, h = box
-    top = _first_pixel(y - h * grid.margin_rows / grid.rows, shape[0], frame.shape[0])
-    left = _first_pixel(x - w * grid.margin_columns / grid.columns, shape[1], frame.shape[1])
-    # Of the frames, not of the frame: it is not copied.
-    channels = frame.shape[2:]
-    start = (frame.number, top, left, *(jnp.int32(0) for _ in channels))
-    block = jax.lax.dynamic_slice(frame.frames, start, (1, *shape, *channels))[0]
-    return _resample(column_sums(block), (top, left), frame.shape, box, grid)
+    height, width = frame.shape[:2]
+    line_y = y + h / grid.rows * (jnp.arange(grid.window[0] + 1.0) - grid.margin_rows)
+    line_x = x + w / grid.columns * (jnp.arange(grid.window[1] + 1.0) - grid.margin_columns)
+    stride = _stride(shape, frame.shape, box, grid)
+    top = _first_pixel(line_y[0], shape[0] * stride, height)
+    left = _first_pixel(line_x[0], shape[1] * stride, width)
+    middle_row = jnp.clip(y + h / 2, 0, height - 1).astype(jnp.int32) - top
+    middle_column = jnp.clip(x + w / 2, 0, width - 1).astype(jnp.int32) - left
+    step = jnp.float32(stride)
+    integral = _resample(
+        _block(frame, shape, top, left, stride),
+        # A whole number is taken off, which is exact: every block has the same fractions.
+        (line_y - top.astype(jnp.float32)) / step,
+        (line_x - left.astype(jnp.float32)) / step,
+        (middle_row // stride, middle_column // stride),
+    )
+    return integral * (grid.rows * grid.columns * step**2 / (h * w))
 
 
-def _first_pixel(line: Float[Array, ""], size: int, pixels: int) -> Int32[Array, ""]:
+def _stride(
+    shape: tuple[int, int], frame_shape: tuple[int, ...], box: Float[Array, "4"], grid: Grid
+) -> int | Int32[Array, ""]:
+    """Distance of the pixels that a block has of a window; 1 unless it is one for all windows."""
+    sides = [min(_BLOCKS[-1], side) for side in frame_shape[:2]]
+    if shape != tuple(sides) or shape == frame_shape[:2]:
+        return 1
+    rows, columns = _extent(box, grid)
+    needed = jnp.minimum(rows, frame_shape[0]) / shape[0]
+    needed = jnp.maximum(needed, jnp.minimum(columns, frame_shape[1]) / shape[1])
+    return jnp.maximum(jnp.ceil(needed), 1).astype(jnp.int32)
+
+
+def _first_pixel(
+    line: Float[Array, ""], size: int | Int32[Array, ""], pixels: int
+) -> Int32[Array, ""]:
     """First pixel of a block of this size that begins at a line, or ends at the frame's end."""
-    return jnp.clip(_pixel(line, pixels), 0, pixels - size)
+    return jnp.clip(_pixel(line, pixels), 0, jnp.maximum(pixels - size, 0))
+
+
+def _block(
+    frame: VideoFrame | ColumnSums,
+    shape: tuple[int, int],
+    top: Int32[Array, ""],
+    left: Int32[Array, ""],
+    stride: int | Int32[Array, ""],
+) -> ColumnSums:
+    """The sums of a block of this shape of the frame's pixels, or of every n-th of them."""
+    if isinstance(frame, ColumnSums):
+        frames, number = frame.grey[None], jnp.zeros((), jnp.int32)
+    else:
+        frames, number = frame
+    rows, columns = (jnp.arange(side, dtype=jnp.int32) for side in shape)
+    dense = _places(number, top + rows, left)
+    if isinstance(stride, int):
+        pixels = _read_rows(frames, dense, shape[1])
+        if isinstance(frame, ColumnSums):
+            return ColumnSums(pixels, _read_rows(frame.above[None], dense, shape[1]))
+        return column_sums(pixels)
+    height, width = frame.shape[:2]
+    row = jnp.minimum(top + stride * rows + stride // 2, height - 1)
+    column = jnp.minimum(left + stride * columns + stride // 2, width - 1)
+    sparse = _places(number, row, jnp.zeros_like(left))
+
+    def every_pixel(frames: Shaped[Array, "T H W *channels"]) -> Int32[Array, "n m"]:
+        return to_grey(_read_rows(frames, dense, shape[1]))
+
+    def every_nth(frames: Shaped[Array, "T H W *channels"]) -> Int32[Array, "n m"]:
+        whole = _read_rows(frames, sparse, width)
+        return to_grey(whole.at[:, column].get(mode="promise_in_bounds"))
+
+    # Grey values, not pixels: XLA would give these the order of the second branch's in memory.
+    grey = jax.lax.cond(stride == 1, every_pixel, every_nth, frames)
+    return ColumnSums(grey, _sums_before(grey))
+
+
+def _places(
+    number: Int32[Array, ""], rows: Int32[Array, " n"], left: Int32[Array, ""]
+) -> Int32[Array, "n 3"]:
+    """Where some rows of a frame are read: frame, row and first column."""
+    return jnp.stack([jnp.full_like(rows, number), rows, jnp.full_like(rows, left)], axis=1)
+
+
+def _read_rows(
+    frames: Shaped[Array, "T H W *channels"], places: Int32[Array, "n 3"], columns: int
+) -> Shaped[Array, "n columns *channels"]:
+    """So many columns of some rows of one of the frames.
+
+    A gather of rows from all frames: no frame is copied whole. A slice would be fused with the grey
+    values, which XLA then does not vectorise: they took four times as long.
+    """
+    channels = frames.shape[3:]
+    return jax.lax.gather(
+        frames,
+        places,
+        jax.lax.GatherDimensionNumbers(
+            offset_dims=tuple(range(1, 2 + len(channels))),
+            collapsed_slice_dims=(0, 1),
+            start_index_map=(0, 1, 2),
+        ),
+        (1, 1, columns, *channels),
+        mode=jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS,
+    )
 
 
 def _resample(
     sums: ColumnSums,
-    corner: tuple[int | Int32[Array, ""], int | Int32[Array, ""]],
-    frame_shape: tuple[int, ...],
-    box: Float[Array, "4"],
-    grid: Grid,
+    line_y: Float[Array, " lines_y"],
+    line_x: Float[Array, " lines_x"],
+    middle: tuple[Int32[Array, ""], Int32[Array, ""]],
 ) -> Float[Array, "lines_y lines_x"]:
-    """`window_integral` from the column sums of a block of the frame that covers the window.
+    """The integral image up to lines, from the sums of a block that covers them.
 
-    corner: first row and column of the block. Lines are rounded in the frame, not in the block, so
-    that every block gives the same integral bit for bit.
+    Lines and the pixel whose value is taken off all are in pixels of the block.
     """
-    height, width = frame_shape[:2]
-    first_row, first_column = corner
-    x, y, w, h = box
-    middle = sums.grey[
-        jnp.clip(y + h / 2, 0, height - 1).astype(jnp.int32) - first_row,
-        jnp.clip(x + w / 2, 0, width - 1).astype(jnp.int32) - first_column,
-    ]
-    line_y = y + h / grid.rows * (jnp.arange(grid.window[0] + 1.0) - grid.margin_rows)
-    line_x = x + w / grid.columns * (jnp.arange(grid.window[1] + 1.0) - grid.margin_columns)
-    top, left = (_pixel(line[0], size) for line, size in ((line_y, height), (line_x, width)))
-    in_window = jnp.arange(sums.shape[1]) >= left - first_column
+    grey = sums.grey[middle]
+    rows, columns = sums.shape
+    top, left = _pixel(line_y[0], rows), _pixel(line_x[0], columns)
+    in_window = jnp.arange(columns) >= left
 
     # Line by line: in one gather, XLA would compute the position of the line for every element.
     def down_to(line: Float[Array, ""]) -> Float[Array, " W"]:
-        row = _pixel(line, height)
-        above = sums.above[row - first_row] - sums.above[top - first_row] - middle * (row - top)
+        row = _pixel(line, rows)
+        above = sums.above[row] - sums.above[top] - grey * (row - top)
         fraction = line - row.astype(jnp.float32)
-        cut = fraction * (sums.grey[row - first_row] - middle).astype(jnp.float32)
+        cut = fraction * (sums.grey[row] - grey).astype(jnp.float32)
         return jnp.where(in_window, above.astype(jnp.float32) + cut, 0)
 
-    rows = jax.lax.map(down_to, line_y)  # [G_y + 1, W]
-    columns = (rows - rows[0]).T
-    before = _sums_before(columns)
+    down = jax.lax.map(down_to, line_y)  # [G_y + 1, W]
+    lines = (down - down[0]).T
+    before = _sums_before(lines)
 
     def right_to(line: Float[Array, ""]) -> Float[Array, " lines_y"]:
-        column = _pixel(line, width)
-        fraction = line - column.astype(jnp.float32)
-        at = column - first_column
-        return before[at] + fraction * columns[at]
+        column = _pixel(line, columns)
+        return before[column] + (line - column.astype(jnp.float32)) * lines[column]
 
     integral = jax.lax.map(right_to, line_x)  # [G_x + 1, G_y + 1]
-    return (integral - integral[0]).T * (grid.rows * grid.columns / (h * w))
+    return (integral - integral[0]).T
 
 
 def _sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:
