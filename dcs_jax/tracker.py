@@ -1,20 +1,22 @@
 """One track through one frame: the paper's Algorithm 1, and Algorithm 2 in `_learn`.
 
 `init` and `step` are pure functions of arrays; `runners` scan over a video with them. What the
-paper does not have stands in `extensions`, one `if` for each component here.
+paper does not have stands in `extensions`, one `if` for each component here. The pieces are jitted,
+so that each is traced once, however many programs it is part of.
 """
 
-from typing import Any
+import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from dcs_jax.checks import check_box, check_frame
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
-from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak
+from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak, middle_confidence
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
@@ -37,12 +39,32 @@ def init(
 
     Raises ValueError where shapes, types or the box are not as stated.
     """
+    return start(frame, box, key, config)[0]
+
+
+def start(
+    frame: ImageLike | VideoFrame | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
+) -> tuple[State, StepInfo]:
+    """`init`, and the first row of the track, `score` of the same frame, from one window."""
     frame = _readable(frame)
     check_box(box, frame.shape)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
     window = window_integral(frame, box, config.grid)
-    values = responses(training_patches(window, box, frame.shape, config), pool)
+    state = _first_state(window, box, pool, frame.shape, config)
+    return state, _score(state, window, config)
+
+
+@functools.partial(jax.jit, static_argnames="frame_shape")
+def _first_state(
+    window: Float[Array, "lines_y lines_x"],
+    box: Float[Array, "4"],
+    pool: Pool,
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> State:
+    """The state that has learned the object from the window around its first box."""
+    values = responses(training_patches(window, box, frame_shape, config), pool)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
@@ -72,18 +94,21 @@ def step(
     """
     frame = _readable(frame)
     _check_components(state, config)
-    localise = jax.tree_util.Partial(_localise, state, frame, config)
+    return _step(state, frame, config)
+
+
+@jax.jit
+def _step(
+    state: State, frame: VideoFrame | ColumnSums, config: Config
+) -> tuple[State, StepInfo]:
     # Lines 1-3: where in the window around its last position is the object most likely?
-    if config.redetection is None:
-        best = localise(state.box)
-    else:
-        assert state.verification
-        num_missed = state.verification.num_missed
-        best = redetection.search(localise, state.box, num_missed, frame.shape, config)
+    look = jax.tree_util.Partial(_look, frame, config)
+    localise = jax.tree_util.Partial(_localise, state, frame, config)
+    num_missed = state.verification.num_missed if state.verification else jnp.int32(0)
+    best, view = redetection.search(look, localise, state.box, num_missed, frame.shape, config)
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
-    window = window_integral(frame, best.box, config.grid)
-    descriptions = _describe(window, jnp.zeros(2, jnp.float32), config)
-    updated, noise = _update(state, best, window, descriptions, frame.shape, config)
+    descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
+    updated, noise = _update(state, best, view, descriptions, frame.shape, config)
     if config.verification is not None:
         updated, best = _gated(state, updated, best, descriptions, config)
     return updated, _info(updated, best, noise, config)
@@ -96,26 +121,63 @@ def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Conf
     """
     frame = _readable(frame)
     _check_components(state, config)
-    window = window_integral(frame, state.box, config.grid)
-    maps = confidence_map(window, state.pool, state.weak, state.strong, config)
-    nowhere = jnp.zeros(2, jnp.float32)
-    here = _candidate(state, state.box, nowhere, maps, window, frame.shape, config)
-    return _info(state, here._replace(box=state.box), jnp.zeros(len(LABELS), jnp.float32), config)
+    return _score(state, window_integral(frame, state.box, config.grid), config)
 
 
+@jax.jit
+def _score(state: State, window: Float[Array, "lines_y lines_x"], config: Config) -> StepInfo:
+    """`score` from the window around the box."""
+    noisy_or, part_scores = middle_confidence(
+        window, state.pool, state.weak, state.strong, config
+    )
+    confidence = jnp.full_like(noisy_or, jnp.nan)
+    if state.verification and config.verification:
+        description = _own_scale(_describe(window, jnp.zeros(2, jnp.float32), config))
+        similarity = verification.similarity(state.verification, description, config.verification)
+        confidence = verification.score(similarity, config.verification)
+    here = Candidate(state.box, noisy_or, confidence, part_scores)
+    return _info(state, here, jnp.zeros(len(LABELS), jnp.float32), config)
+
+
+class _View(NamedTuple):
+    """The window around a box, for the search in it and for learning from it.
+
+    window: [G_y + 1, G_x + 1], its integral image. spectrum: what the translation filter sees of
+    it, or None.
+    """
+
+    window: Float[Array, "lines_y lines_x"]
+    spectrum: Complex[Array, "8 Y half"] | None
+
+
+@jax.jit
+def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
+    window = window_integral(frame, box, config.grid)
+    return _View(
+        window, None if config.translation is None else translation.spectrum(window, config.grid)
+    )
+
+
+@jax.jit
 def _localise(
-    state: State, frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]
+    state: State,
+    frame: VideoFrame | ColumnSums,
+    config: Config,
+    box: Float[Array, "4"],
+    view: _View,
 ) -> Candidate:
     """The most likely position of the object in the window around a box (lines 1-3)."""
-    window = window_integral(frame, box, config.grid)
-    maps = confidence_map(window, state.pool, state.weak, state.strong, config)
+    maps = confidence_map(view.window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
     if state.translation and config.translation:
-        score_map += translation.score(state.translation, window, config.translation, config.grid)
+        assert view.spectrum is not None
+        score_map += translation.score(
+            state.translation, view.spectrum, config.translation, config.grid
+        )
     # The translation filter's response is smooth, which the votes are not.
     subcell = config.translation is not None
     displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell)
-    return _candidate(state, box, displacement, maps, window, frame.shape, config)
+    return _candidate(state, box, displacement, maps, view.window, frame.shape, config)
 
 
 def _candidate(
@@ -157,19 +219,20 @@ def _candidate(
 def _update(
     state: State,
     best: Candidate,
-    window: Float[Array, "lines_y lines_x"],
+    view: _View,
     descriptions: Float[Array, "S D"],
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> tuple[State, Float[Array, " R"]]:
     """The state that has learned the object from the window around its new box, and the noise."""
-    values = responses(training_patches(window, best.box, frame_shape, config), state.pool)
+    values = responses(training_patches(view.window, best.box, frame_shape, config), state.pool)
     weak, strong, noise = _learn(values, state.weak, config)
     updated = state._replace(box=best.box, weak=weak, strong=strong)
     if state.translation and config.translation:
+        assert view.spectrum is not None
         updated = updated._replace(
             translation=translation.update(
-                state.translation, window, config.translation, config.grid
+                state.translation, view.spectrum, config.translation, config.grid
             )
         )
     if state.scale and config.scale:
@@ -256,6 +319,7 @@ def _move(
     return jnp.stack([x, y, w, h])
 
 
+@jax.jit
 def _describe(
     window: Float[Array, "lines_y lines_x"], displacement: Float[Array, "2"], config: Config
 ) -> Float[Array, "S D"]:

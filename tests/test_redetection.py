@@ -15,6 +15,7 @@ from dcs_jax.types import Candidate
 SHAPE = (240, 320)
 CONFIG = Config()
 BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
+LOOK = jax.tree_util.Partial(lambda box: box)
 
 
 def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
@@ -66,24 +67,27 @@ def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_misse
     ],
 )
 def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, here, there, taken):
-    def look(confidences: jax.Array, box: jax.Array) -> Candidate:
-        return candidate(box, jnp.where((box == BOX).all(), *confidences))
+    def best(confidences: jax.Array, box: jax.Array, seen: jax.Array) -> Candidate:
+        return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
-    localise = jax.tree_util.Partial(look, jnp.array([here, there]))
-    found = redetection.search(localise, BOX, jnp.int32(num_missed), SHAPE, CONFIG)
+    localise = jax.tree_util.Partial(best, jnp.array([here, there]))
+    found, seen = redetection.search(LOOK, localise, BOX, jnp.int32(num_missed), SHAPE, CONFIG)
+    # What is seen is that around the candidate, to learn from.
+    np.testing.assert_array_equal(seen, found.box)
     assert bool((found.box != BOX).any()) == taken
     assert found.confidence == pytest.approx(there if taken else here)
 
 
 def test_the_windows_of_a_frame_follow_those_of_the_last():
-    def here_only(target: jax.Array, box: jax.Array) -> Candidate:
+    def here_only(target: jax.Array, box: jax.Array, _: jax.Array) -> Candidate:
         return candidate(box, jnp.where(jnp.abs(box - target).max() < 1, 0.95, 0.1))
 
     config = Config(redetection=Redetection(windows=2))
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, config.window_factor)
     localise = jax.tree_util.Partial(here_only, target)
     found = [
-        redetection.search(localise, BOX, jnp.int32(missed), SHAPE, config).confidence > 0.9
+        redetection.search(LOOK, localise, BOX, jnp.int32(missed), SHAPE, config)[0].confidence
+        > 0.9
         for missed in range(1, 6)
     ]
     assert found == [False, False, True, False, False]

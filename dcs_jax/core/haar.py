@@ -62,26 +62,27 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     fitting = _fitting(rectangles, config.block)  # [K, 5, heights, widths]
     types_and_heights = jnp.cumsum(fitting.sum(-1).reshape(config.parts, -1), axis=-1)
     widths = jnp.cumsum(fitting, axis=-1)
-    key_height, key_width, key_row, key_column = jax.random.split(key, 4)
-
     shape = (config.pool_size, config.parts, config.selectors)
-    drawn = jax.vmap(_draw, (0, 1), 1)(types_and_heights, jax.random.uniform(key_height, shape))
+    # Vmapped, so that the generator is compiled once.
+    uniforms = jax.vmap(lambda key: jax.random.uniform(key, shape))(jax.random.split(key, 4))
+    for_height, for_width, for_row, for_column = uniforms
+    drawn = jax.vmap(_draw, (0, 1), 1)(types_and_heights, for_height)
     kind, block_height = jnp.divmod(drawn.reshape(-1), fitting.shape[2])  # [F]
     part = np.broadcast_to(np.arange(config.parts)[:, None], shape).reshape(-1)
-    block_width = jax.vmap(_draw)(
-        widths[part, kind, block_height], jax.random.uniform(key_width, part.shape)
-    )
+    block_width = jax.vmap(_draw)(widths[part, kind, block_height], for_width.reshape(-1))
     block_height, block_width = block_height + 1, block_width + 1
 
     top, left, height, width = rectangles[part].astype(np.int32).T
 
-    def position(key: Shaped[Array, ""], positions: Int32[Array, " F"]) -> Int32[Array, " F"]:
-        drawn = jax.random.uniform(key, part.shape) * positions.astype(jnp.float32)
+    def position(
+        uniform: Float[Array, "M K N"], positions: Int32[Array, " F"]
+    ) -> Int32[Array, " F"]:
+        drawn = uniform.reshape(-1) * positions.astype(jnp.float32)
         return jnp.minimum(drawn.astype(jnp.int32), positions - 1)  # the product may round up
 
     rows = height - jnp.asarray(_ROWS.max(1))[kind] * block_height + 1
     columns = width - jnp.asarray(_COLUMNS.max(1))[kind] * block_width + 1
-    row, column = top + position(key_row, rows), left + position(key_column, columns)
+    row, column = top + position(for_row, rows), left + position(for_column, columns)
     corner_rows = row + jnp.asarray(_ROWS.T)[:, kind] * block_height
     corner_columns = column + jnp.asarray(_COLUMNS.T)[:, kind] * block_width
     cells = (grid.rows + 1) * (grid.columns + 1)

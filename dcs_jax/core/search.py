@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Shaped
 
 from dcs_jax.config import Config, Grid
-from dcs_jax.core.haar import CORNERS_OF_BOXES
+from dcs_jax.core.haar import CORNERS_OF_BOXES, responses
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
 from dcs_jax.types import Pool, Strong, Weak
@@ -60,7 +61,47 @@ def confidence_map(
 
     integral: [G_y + 1, G_x + 1], of the window around the last box.
     """
-    votes = _part_votes(integral, pool, weak, strong, config.grid)
+    return _fuse(_part_votes(integral, pool, weak, strong, config.grid), config)
+
+
+@jax.named_scope("confidence map")
+def middle_confidence(
+    integral: Float[Array, "lines_y lines_x"],
+    pool: Pool,
+    weak: Weak,
+    strong: Strong,
+    config: Config,
+) -> tuple[Float[Array, ""], Float[Array, " K"]]:
+    """`ConfidenceMap.at` in the middle of the window, from the few positions that count there.
+
+    These are patches: no second map is compiled. Its values are the map's up to rounding.
+    """
+    grid = config.grid
+    # Smoothed twice: the middle depends on two neighbours on each side.
+    near = [min(margin, 2) for margin in (grid.margin_rows, grid.margin_columns)]
+    tops = grid.margin_rows + np.arange(-near[0], near[0] + 1)
+    lefts = grid.margin_columns + np.arange(-near[1], near[1] + 1)
+    patches = jnp.stack(
+        [
+            integral[top : top + grid.rows + 1, left : left + grid.columns + 1].reshape(-1)
+            for top in tops
+            for left in lefts
+        ],
+        axis=-1,
+    )
+    chosen = _chosen(strong).reshape(-1)
+    features = Pool(*(values[..., chosen] for values in pool))
+    sigma = None if weak.sigma is None else weak.sigma[:, chosen]
+    votes = vote(responses(patches, features), weak.mean[:, chosen], sigma)
+    votes = votes.reshape(-1, *strong.alpha.shape)  # [C_y * C_x, K, N]
+    total = strong.alpha.sum(1)
+    votes = (strong.alpha * votes).sum(2) / jnp.where(total > 0, total, 1)
+    maps = _fuse(votes.T.reshape(-1, len(tops), len(lefts)), config)
+    return maps.at(jnp.int32(near[0]), jnp.int32(near[1]), config)
+
+
+def _fuse(votes: Float[Array, "K C_y C_x"], config: Config) -> ConfidenceMap:
+    """The map of the parts' votes, each in [-1, 1]."""
     parts = _smooth((1 + votes) / 2, config.smoothing)
     misses = list(jnp.maximum(1 - parts, _LEAST_MISS))
     # The logarithm of a product costs less than those of its factors.
@@ -150,8 +191,7 @@ def _part_votes(
 
     Under vmap the tracks take turns: slices at batched positions would become element-wise gathers.
     """
-    selectors = jnp.arange(strong.selected.size).reshape(strong.selected.shape)
-    chosen = strong.selected * strong.selected.size + selectors  # [K, N] in 0..F
+    chosen = _chosen(strong)
     boxes = pool.boxes[chosen]
     order = _stable_order(boxes)
     chosen, alpha = (jnp.take_along_axis(x, order, axis=1) for x in (chosen, strong.alpha))
@@ -182,6 +222,12 @@ def _part_votes(
     total = strong.alpha.sum(1)[:, None, None]
     votes = all_parts(jnp.pad(integral, ((0, 0), (0, padded - width))), classifiers, ends)
     return votes[:, :, :width] / jnp.where(total > 0, total, 1)
+
+
+def _chosen(strong: Strong) -> Int32[Array, "K N"]:
+    """Numbers in 0..F of the selected features."""
+    selectors = jnp.arange(strong.selected.size, dtype=jnp.int32).reshape(strong.selected.shape)
+    return strong.selected * strong.selected.size + selectors
 
 
 def _stable_order(keys: Int32[Array, "K N"]) -> Int32[Array, "K N"]:

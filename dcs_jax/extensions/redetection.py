@@ -1,5 +1,7 @@
 """Re-detection: an object that was missed is looked for in search windows all over the frame."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int32
@@ -7,49 +9,61 @@ from jaxtyping import Array, Float, Int32
 from dcs_jax.config import Config
 from dcs_jax.types import Candidate
 
-# From a box to the candidate in the search window around it; a pytree of what that takes.
-Localise = jax.tree_util.Partial
-
-
 def search(
-    localise: Localise,
+    look: jax.tree_util.Partial,
+    localise: jax.tree_util.Partial,
     box: Float[Array, "4"],
     num_missed: Int32[Array, ""],
     frame_shape: tuple[int, ...],
     config: Config,
-) -> Candidate:
+) -> tuple[Candidate, Any]:
     """The candidate around the box, or a better one elsewhere if the object was missed before.
 
-    In each frame a few of the search windows that cover the frame are searched, in turn: a loop of
-    one turn, or of one and these, so that what it takes to localise is compiled once.
+    In each frame a few of the search windows that cover the frame are searched, in turn. A loop,
+    whose last turn looks at the candidate: what it takes to look and to localise is compiled once.
+
+    look: from a box to what is seen of the frame around it. localise: from a box and what is seen
+        there to the candidate. Pytrees of what they need.
+    Returns the candidate and what is seen around it.
     """
     settings = config.redetection
-    assert settings is not None
-    windows = settings.windows
+    windows = 0 if settings is None else settings.windows
+    accept_above = jnp.inf if settings is None else settings.accept_above
 
     # Under vmap the tracks take turns, so that those which hold their object do not search.
     @jax.custom_batching.sequential_vmap
     def search_all(
-        localise: Localise,
+        look: jax.tree_util.Partial,
+        localise: jax.tree_util.Partial,
         box: Float[Array, "4"],
         num_missed: Int32[Array, ""],
         accept_above: Float[Array, ""],
-    ) -> Candidate:
-        def search_next(turn: Int32[Array, ""], best: Candidate) -> Candidate:
-            number = windows * num_missed + turn - 1
-            elsewhere = search_window(box, number, frame_shape, config.window_factor)
-            other = localise(jnp.where(turn == 0, box, elsewhere))
-            better = other.confidence > jnp.maximum(best.confidence, accept_above)
-            better |= turn == 0
-            return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
-
-        shapes = jax.eval_shape(localise, box)
-        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    ) -> tuple[Candidate, Any]:
         turns = jnp.where(num_missed > 0, 1 + windows, 1)
-        return jax.lax.fori_loop(0, turns, search_next, nothing)
+
+        def turn(number: Int32[Array, ""], found: tuple[Candidate, Any]) -> tuple[Candidate, Any]:
+            best, _ = found
+            elsewhere = search_window(
+                box, windows * num_missed + number - 1, frame_shape, config.window_factor
+            )
+            place = jnp.where(number == 0, box, jnp.where(number == turns, best.box, elsewhere))
+            seen = look(place)
+
+            def search_there() -> Candidate:
+                other = localise(place, seen)
+                better = other.confidence > jnp.maximum(best.confidence, accept_above)
+                better |= number == 0
+                return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
+
+            return jax.lax.cond(number == turns, lambda: best, search_there), seen
+
+        seen = jax.eval_shape(look, box)
+        shapes = jax.eval_shape(localise, box, seen), seen
+        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        return jax.lax.fori_loop(0, turns + 1, turn, nothing)
 
     return search_all(
-        *jax.tree.map(jnp.asarray, (localise, box, num_missed, settings.accept_above))
+        *jax.tree.map(jnp.asarray, (look, localise, box, num_missed, jnp.float32(accept_above)))
     )
 
 

@@ -7,7 +7,7 @@ are not, so that the peak is found to a fraction of a cell.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from dcs_jax.config import Grid, TranslationFilter
 from dcs_jax.extensions import filters
@@ -27,71 +27,80 @@ def init(window: Float[Array, "lines_y lines_x"], grid: Grid) -> TranslationStat
 
     window: [G_y + 1, G_x + 1], integral image of the window around the initial box.
     """
-    trained = train(window, grid)
+    trained = train(spectrum(window, grid), grid)
     return TranslationState(trained, trained)
 
 
 @jax.named_scope("translation")
 def score(
     state: TranslationState,
-    window: Float[Array, "lines_y lines_x"],
+    spectrum: Complex[Array, "8 Y half"],
     settings: TranslationFilter,
     grid: Grid,
 ) -> Float[Array, "C_y C_x"]:
     """What the filter adds to the score map: [C_y, C_x].
 
     The filter of the first frame has a share in it, against slow drift.
+
+    spectrum: of the window that is searched.
     """
     mixed = filters.interpolate(state.running, state.first_frame, settings.first_frame)
-    return settings.weight * response(mixed, window, grid)
+    return settings.weight * response(mixed, spectrum, grid)
 
 
 @jax.named_scope("translation")
 def update(
     state: TranslationState,
-    window: Float[Array, "lines_y lines_x"],
+    spectrum: Complex[Array, "8 Y half"],
     settings: TranslationFilter,
     grid: Grid,
 ) -> TranslationState:
-    """The filter after one more frame; window: around the new box."""
-    trained = train(window, grid)
+    """The filter after one more frame; spectrum: of the window around the new box."""
+    trained = train(spectrum, grid)
     running = filters.interpolate(state.running, trained, settings.learning_rate)
     return state._replace(running=running)
 
 
-def train(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Filter:
+@jax.named_scope("translation")
+def spectrum(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Complex[Array, "8 Y half"]:
+    """What the filter sees of a window: the spectrum of its gradient cells, [8, Y, X/2 + 1].
+
+    window: [G_y + 1, G_x + 1], integral image.
+    """
+    return jnp.fft.rfft2(_features(window, grid))
+
+
+def train(spectrum: Complex[Array, "8 Y half"], grid: Grid) -> Filter:
     """The filter that responds in the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1]."""
-    cells = _features(window, grid)
     sides = (grid.rows, grid.columns)
     squares = [
         np.square(np.fft.fftfreq(count) * count * _cell(grid) / (side * _SIGMA))
-        for count, side in zip(cells.shape[1:], sides, strict=True)
+        for count, side in zip(_shape(grid), sides, strict=True)
     ]
     desired = np.fft.rfft2(np.exp(-0.5 * np.add.outer(*squares)))
-    return filters.train(jnp.fft.rfft2(cells), jnp.asarray(desired, jnp.complex64))
+    return filters.train(spectrum, jnp.asarray(desired, jnp.complex64))
 
 
 def response(
-    trained: Filter, window: Float[Array, "lines_y lines_x"], grid: Grid
+    trained: Filter, spectrum: Complex[Array, "8 Y half"], grid: Grid
 ) -> Float[Array, "C_y C_x"]:
     """The filter's response at every candidate position, about 1 where it is sure: [C_y, C_x].
 
     The filter has one value a cell; the positions between are values of the same Fourier series.
     """
-    cells = _features(window, grid)
+    rows, columns = _shape(grid)
     ridge = _RIDGE * trained.denominator.mean()
-    spectrum = filters.response(trained, jnp.fft.rfft2(cells), ridge)
+    found = filters.response(trained, spectrum, ridge)
     lines = [
         _displacements((positions - 1) // 2, _cell(grid), count)
-        for positions, count in zip(grid.positions, cells.shape[1:], strict=True)
+        for positions, count in zip(grid.positions, (rows, columns), strict=True)
     ]
-    rows, columns = cells.shape[1:]
     down = _waves(lines[0], np.fft.fftfreq(rows))
     # The half of the frequencies that a real response does not need counts in the other.
     frequencies = np.fft.rfftfreq(columns)
     twice = np.where((frequencies == 0) | (frequencies == 0.5), 1, 2)
     right = _waves(lines[1], frequencies) * twice
-    half = jnp.asarray(down, jnp.complex64) @ spectrum
+    half = jnp.asarray(down, jnp.complex64) @ found
     real = half.real @ jnp.asarray(right.real.T, jnp.float32)
     return (real - half.imag @ jnp.asarray(right.imag.T, jnp.float32)) / (rows * columns)
 
@@ -99,6 +108,12 @@ def response(
 def _cell(grid: Grid) -> int:
     """Canvas cells per cell of the filter."""
     return max(1, min(grid.rows, grid.columns) // _CELLS)
+
+
+def _shape(grid: Grid) -> tuple[int, int]:
+    """Rows and columns of the filter: those of a window that do not fill a cell are cut off."""
+    rows, columns = (side // _cell(grid) for side in grid.window)
+    return rows, columns
 
 
 def _features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array, "8 Y X"]:

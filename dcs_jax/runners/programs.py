@@ -60,8 +60,8 @@ def init_slots(
         features = key if pool is None else pool
 
         def init() -> tuple[State, StepInfo]:
-            state = tracker.init(shown, box, features, config)
-            return without_pool(state, pool), tracker.score(state, shown, config)
+            state, info = tracker.start(shown, box, features, config)
+            return without_pool(state, pool), info
 
         empty = _empty(jax.eval_shape(init)[1])
         state, info = jax.lax.cond(new, init, lambda: (old, empty))

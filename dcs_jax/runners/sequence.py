@@ -60,9 +60,8 @@ def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Confi
 def init_track(
     frame: Frame, box: Float[Array, "4"], key: jax.Array, config: Config
 ) -> tuple[State, StepInfo]:
-    """The state after the first frame, `init`, and that frame's record, `score`, compiled."""
-    state = tracker.init(frame, box, key, config)
-    return state, tracker.score(state, frame, config)
+    """The state after the first frame and that frame's record, `start`, compiled."""
+    return tracker.start(frame, box, key, config)
 
 
 @jax.jit
