@@ -10,8 +10,8 @@ import argparse
 import itertools
 from pathlib import Path
 
-from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.evaluate import EvaluationBar
+from dcs_jax.compilation import cache
 from dcs_jax.config import COMPONENTS
 from dcs_jax.evaluation import evaluate
 from dcs_jax.evaluation.settings import parse_setting, with_changes
@@ -59,7 +59,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.seeds < 2:
         parser.error("--seeds must be at least 2: differences are tested on pairs of seeds")
-    keep_compiled_programs()
+    cache()
     base = parse_setting(arguments.base).name
     settings = [base, *changes(base).values()]
     with EvaluationBar() as bar:

@@ -22,7 +22,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from dcs_jax.cli.environment import CACHE_FROM_SECONDS
+from dcs_jax.compilation import FROM_SECONDS
 from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.synthetic import render
 
@@ -148,7 +148,7 @@ def fresh(*arguments: Any, cache: str | None = None) -> Any:
     kept = cache or jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     environment = {
         "JAX_COMPILATION_CACHE_DIR": kept,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": str(CACHE_FROM_SECONDS),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": str(FROM_SECONDS),
     }
     with Worker(arguments, environment=environment) as worker:
         return worker.read()
@@ -175,17 +175,18 @@ class Panel(NamedTuple):
     lines: dict[str, list[float]]
 
 
-class OpenCV(Worker):
-    """The trackers of an OpenCV, in a process of its own.
+class OtherTrackers(Worker):
+    """The trackers of OpenCV and dlib, in a process of its own.
 
-    python: the interpreter that has it. folder: for the frames that the process reads.
+    python: the interpreter that has them, dlib only if it is installed. folder: for the frames
+    that the process reads.
     """
 
     def __init__(self, python: Path, folder: Path) -> None:
-        super().__init__(["opencv"], python)
+        super().__init__(["others"], python)
         self._folder = folder
         found = self.read()
-        self.version: str = found["version"]
+        self.versions: dict[str, str] = found["versions"]
         self.trackers: list[str] = found["trackers"]
 
     def clock(
@@ -215,7 +216,7 @@ class Inputs(NamedTuple):
     frames: NDArray[np.uint8]
     box: NDArray[np.float64]
     root: Path | None
-    opencv: OpenCV
+    others: OtherTrackers
     rounds: int
     quick: bool
 

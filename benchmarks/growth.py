@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Inputs, Panel, Row, clocked, fresh, take_turns
+from benchmarks.common import Inputs, Panel, Row, clocked, fresh, median_range, take_turns
 from dcs_jax.config import Config
-from dcs_jax.core.window import ColumnSums, column_sums
+from dcs_jax.core.window import VideoFrame
 from dcs_jax.runners.sequence import init_track, track_chunk
 from dcs_jax.synthetic import render
 from dcs_jax.tracker import step
@@ -23,10 +23,45 @@ from dcs_jax.types import State
 
 SIDES = (20, 40, 80, 160, 240, 320, 400)  # of the target, pixels
 FRAMES = ((120, 160), (240, 320), (480, 640), (720, 1280), (1080, 1920), (2160, 3840))
+# Sizes of frame and target.
+TABLE = (
+    ((240, 320), 40),
+    ((240, 320), 80),
+    ((480, 640), 80),
+    ((720, 1280), 80),
+    ((1080, 1920), 80),
+    ((1080, 1920), 300),
+    ((2160, 3840), 160),
+)
 STEPS = 8  # timed together, so that the call from Python does not count
 JPEG_QUALITY = 90
 LENGTHS = (100, 1000, 10_000, 100_000)
 MEMORY_TARGETS = (1, 32, 256)
+
+
+def table(inputs: Inputs) -> Iterator[Row | Panel]:
+    """Frames per second of one target and every other tracker, by the sizes of frame and target."""
+    updates = 2 if inputs.quick else STEPS
+    for (rows, columns), side in TABLE[::5] if inputs.quick else TABLE:
+        clip = render(
+            1 + STEPS, (rows, columns), (side, side), occlusion=0, cloud=0, lookalike=False
+        )
+        state = _init(clip.frames[0], clip.boxes[0])
+        rest = jnp.asarray(clip.frames[1:])
+        calls = {"dcs_jax": clocked(functools.partial(track_chunk, state, rest, Config()))}
+        for tracker in inputs.others.trackers:
+            calls[tracker] = inputs.others.clock(tracker, clip.frames, clip.boxes[:1], updates)
+        counts = dict.fromkeys(calls, updates) | {"dcs_jax": STEPS}
+        rates = {
+            name: [counts[name] / t for t in times]
+            for name, times in take_turns(calls, inputs.rounds).items()
+        }
+        yield Row(
+            f"{columns}x{rows}, target of {side} px, default: {STEPS} frames, the others {updates}",
+            ", ".join(f"{name} {median_range(rate, 0)}" for name, rate in rates.items())
+            + " frames/s",
+            "ahead of KCF and dlib",
+        )
 
 
 def sizes(inputs: Inputs) -> Iterator[Row | Panel]:
@@ -39,7 +74,7 @@ def sizes(inputs: Inputs) -> Iterator[Row | Panel]:
         state = _init(clip.frames[0], clip.boxes[0])
         rest = jnp.asarray(clip.frames[1:])
         calls[f"dcs_jax {side}"] = clocked(functools.partial(track_chunk, state, rest, Config()))
-        calls[f"MIL {side}"] = inputs.opencv.clock("MIL", clip.frames, clip.boxes[:1], updates)
+        calls[f"MIL {side}"] = inputs.others.clock("MIL", clip.frames, clip.boxes[:1], updates)
     seconds = take_turns(calls, inputs.rounds)
     lines = {
         name: [1e3 * statistics.median(seconds[f"{name} {side}"]) / count for side in sides]
@@ -56,7 +91,7 @@ def sizes(inputs: Inputs) -> Iterator[Row | Panel]:
 
 
 def frames(inputs: Inputs) -> Iterator[Row | Panel]:
-    """A frame of the default preset over its size: decoding, copying, column sums, and the step."""
+    """A frame of the default preset over its size: decoding, copying, and the step."""
     shapes = FRAMES[::5] if inputs.quick else FRAMES
     calls: dict[str, Callable[[], float]] = {}
     for rows, columns in shapes:
@@ -64,7 +99,7 @@ def frames(inputs: Inputs) -> Iterator[Row | Panel]:
         for name, call in _frame_calls(clip.frames, clip.boxes[0]).items():
             calls[f"{name} {columns}"] = clocked(call)
     seconds = take_turns(calls, inputs.rounds)
-    per_call = {"step": STEPS, "column sums": 1, "copy": 1, "decode": 1}
+    per_call = {"step": STEPS, "copy": 1, "decode": 1}
     lines = {
         name: [1e3 * statistics.median(seconds[f"{name} {shape[1]}"]) / count for shape in shapes]
         for name, count in per_call.items()
@@ -157,20 +192,18 @@ def _frame_calls(clip: NDArray[np.uint8], box: NDArray[np.float32]) -> dict[str,
     corner = np.array([x, y, 0, 0], np.float32)
     state = _init(clip[0, y : y + rows, x : x + columns], box - corner)
     state = state._replace(box=state.box + corner)
-    shown = jnp.asarray(frame)
-    add_up = jax.jit(column_sums)
+    shown = VideoFrame(jnp.asarray(frame)[None], jnp.int32(0))
     return {
-        "step": functools.partial(_steps, state, add_up(shown), Config()),
-        "column sums": functools.partial(add_up, shown),
+        "step": functools.partial(_steps, state, shown, Config()),
         "copy": lambda: frame.copy(),
         "decode": lambda: cv2.imdecode(file, cv2.IMREAD_COLOR_RGB),
     }
 
 
 @jax.jit
-def _steps(state: State, sums: ColumnSums, config: Config) -> State:
+def _steps(state: State, frame: VideoFrame, config: Config) -> State:
     """Several steps with the same frame."""
-    return jax.lax.fori_loop(0, STEPS, lambda _, state: step(state, sums, config)[0], state)
+    return jax.lax.fori_loop(0, STEPS, lambda _, state: step(state, frame, config)[0], state)
 
 
 def _init(frame: NDArray[np.uint8], box: NDArray[np.float32]) -> State:

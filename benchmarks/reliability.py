@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit
 from scipy.stats import rankdata
 
-from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.evaluation.runner import run_seeds
@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("--sequences", help="names with commas between (default: all)")
     parser.add_argument("--plot", type=Path, help="file for the diagram, PNG or SVG")
     arguments = parser.parse_args()
-    keep_compiled_programs()
+    cache()
     names = arguments.sequences.split(",") if arguments.sequences else None
     confidences: list[Numbers] = []
     rights: list[Numbers] = []

@@ -4,9 +4,10 @@
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`; without it a rendered clip replaces the
 sequence, and the seeds of the sequences are left out. Calls that are compared take turns; a figure
-is the median of --rounds (least to greatest). --python is the Python of an environment with the
-contrib wheel of OpenCV, for KCF and CSRT on the same frames. A case that fails has a row that says
-so, and the exit code is 1. --plots writes growth.png, how time and memory grow, into a folder.
+is the median of --rounds (least to greatest). --python is the Python of an environment with
+opencv-contrib-python-headless and dlib-bin, for KCF, CSRT and dlib's correlation tracker on the
+same frames. A case that fails has a row that says so, and the exit code is 1. --plots writes
+growth.png, how time and memory grow, into a folder.
 """
 
 import argparse
@@ -29,7 +30,7 @@ from benchmarks import growth
 from benchmarks.common import (
     Case,
     Inputs,
-    OpenCV,
+    OtherTrackers,
     Panel,
     Row,
     around,
@@ -40,7 +41,7 @@ from benchmarks.common import (
     ratios,
     take_turns,
 )
-from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.evaluation.runner import run_seeds
 from dcs_jax.evaluation.settings import parse_setting
@@ -61,7 +62,9 @@ def main(command_line: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="fewer of everything: under 2 minutes")
     parser.add_argument("--rounds", type=int, help=f"default {ROUNDS}, quick {QUICK_ROUNDS}")
     parser.add_argument("--only", help=f"some of {','.join(CASES)}")
-    parser.add_argument("--python", type=Path, default=Path(sys.executable), help="with OpenCV")
+    parser.add_argument(
+        "--python", type=Path, default=Path(sys.executable), help="with OpenCV and dlib"
+    )
     parser.add_argument("--plots", type=Path, help="folder for growth.png")
     arguments = parser.parse_args(command_line)
     names = arguments.only.split(",") if arguments.only else list(CASES)
@@ -69,12 +72,15 @@ def main(command_line: Sequence[str] | None = None) -> int:
         parser.error(f"--only {','.join(unknown)}: expected some of {','.join(CASES)}")
     rounds = arguments.rounds or (QUICK_ROUNDS if arguments.quick else ROUNDS)
     start = time.perf_counter()
-    keep_compiled_programs()
+    cache()
     name = "a rendered clip" if arguments.root is None else arguments.sequence
     length = QUICK_FRAMES if arguments.quick else None
     frames, truth = load(arguments.root, arguments.sequence, length)
-    with tempfile.TemporaryDirectory() as folder, OpenCV(arguments.python, Path(folder)) as opencv:
-        inputs = Inputs(name, frames, truth[0], arguments.root, opencv, rounds, arguments.quick)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        OtherTrackers(arguments.python, Path(folder)) as others,
+    ):
+        inputs = Inputs(name, frames, truth[0], arguments.root, others, rounds, arguments.quick)
         print(about(inputs), end="\n\n")
         print("| case | measured | asked for |\n|---|---|---|", flush=True)
         panels: list[Panel] = []
@@ -113,21 +119,21 @@ def about(inputs: Inputs) -> str:
         "dcs_jax": dcs_jax.__version__,
         "jax": jax.__version__,
         "numpy": np.__version__,
-        "OpenCV": inputs.opencv.version,
+        **inputs.others.versions,
         "Python": platform.python_version(),
     }
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
     return (
         f"{len(available)} cores of {os.cpu_count()} ({held}: {','.join(map(str, available))}), "
         f"load {os.getloadavg()[0]:.1f} at the start; medians of {inputs.rounds} (least to "
-        f"greatest)\n{named}; OpenCV has {', '.join(inputs.opencv.trackers)}"
+        f"greatest)\n{named}; compared with {', '.join(inputs.others.trackers)}"
     )
 
 
 def single(inputs: Inputs) -> Iterator[Row | Panel]:
-    """One target, both presets and every tracker of OpenCV; the frames are in memory.
+    """One target, both presets and every other tracker; the frames are in memory.
 
-    Of OpenCV the updates alone are timed, of dcs_jax the whole track.
+    Of the others the updates alone are timed, of dcs_jax the whole track.
     """
     frames, box = inputs.frames, inputs.box
     updates = min(len(frames) - 1, 30 if inputs.quick else 200)
@@ -137,24 +143,24 @@ def single(inputs: Inputs) -> Iterator[Row | Panel]:
         config = parse_setting(preset).config(inputs.name)
         track = functools.partial(dcs_jax.track_sequence, shown, box, jax.random.key(0), config)
         calls[preset] = clocked(track)
-    for tracker in inputs.opencv.trackers:
-        calls[tracker] = inputs.opencv.clock(tracker, frames, [box], updates)
+    for tracker in inputs.others.trackers:
+        calls[tracker] = inputs.others.clock(tracker, frames, [box], updates)
     seconds = take_turns(calls, inputs.rounds)
     a_frame = {
         name: [t / (len(frames) if name in PRESETS else updates) for t in times]
         for name, times in seconds.items()
     }
     size = f"{frames.shape[2]}x{frames.shape[1]}, box of {box[2]:g}x{box[3]:g}"
-    asked = {"default": "40 times MIL, ahead of KCF and CSRT", "paper": "25 times MIL"}
+    asked = {"default": "40 times MIL, ahead of KCF, CSRT and dlib", "paper": "25 times MIL"}
     for preset in PRESETS:
         times = ", ".join(
             f"{median_range(ratios(a_frame[tracker], a_frame[preset]))} times {tracker} "
             f"({1 / statistics.median(a_frame[tracker]):.0f} frames/s)"
-            for tracker in inputs.opencv.trackers
+            for tracker in inputs.others.trackers
         )
         rate = median_range([1 / t for t in a_frame[preset]], 0)
         yield Row(
-            f"{inputs.name}, {size}, one target, {preset}: {len(frames)} frames, OpenCV {updates}",
+            f"{inputs.name}, {size}, one target, {preset}: {len(frames)} frames, others {updates}",
             f"{rate} frames/s; {times}",
             asked[preset],
         )
@@ -171,7 +177,7 @@ def targets(inputs: Inputs) -> Iterator[Row | Panel]:
     calls = {
         "one": clocked(one),
         "many": clocked(many),
-        "MIL": inputs.opencv.clock("MIL", frames, boxes, updates),
+        "MIL": inputs.others.clock("MIL", frames, boxes, updates),
     }
     seconds = take_turns(calls, inputs.rounds)
     one_frame = [t / len(frames) for t in seconds["one"]]
@@ -272,6 +278,7 @@ CASES: dict[str, Case] = {
     "single": single,
     "targets": targets,
     "seeds": seeds,
+    "table": growth.table,
     "sizes": growth.sizes,
     "frames": growth.frames,
     "batch": batch,

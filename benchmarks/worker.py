@@ -1,6 +1,6 @@
 """The process behind a `common.Worker`: writes lines of JSON, and one more for each it reads.
 
-    python worker.py opencv                      which trackers OpenCV has; then times of updates
+    python worker.py others                      other trackers; then times of their updates
     python worker.py track FRAMES BOXES SETTING  boxes [B, T, 4]; then seconds of a track
     python worker.py first SETTING               seconds of a first and of a second call
     python worker.py stream FRAMES TARGETS       seconds, and memory in bytes, of a stream
@@ -11,6 +11,7 @@ have no JAX, and `track` uses the dcs_jax of any revision, so only what every re
 """
 
 import ctypes
+import functools
 import gc
 import importlib
 import json
@@ -27,29 +28,51 @@ from numpy.typing import NDArray
 PROCESS = Path("/proc/self")
 
 
-def opencv() -> Iterator[Any]:
+def others() -> Iterator[Any]:
     """Seconds of updates, for each line {"tracker", "frames", "boxes", "count"} that is read.
 
-    tracker: "MIL", "KCF" or "CSRT". frames: a file of [T, H, W, 3], RGB. boxes: [B, 4], a tracker
-    each. count: updates of each tracker. The first frame and reading the frames are not timed.
-    OpenCV runs on all its threads.
+    tracker: "MIL", "KCF" or "CSRT" of OpenCV, or "dlib" for its correlation tracker. frames: a file
+    of [T, H, W, 3], RGB. boxes: [B, 4], a tracker each. count: updates of each tracker. The first
+    frame and reading the frames are not timed. OpenCV runs on all its threads, dlib on one.
     """
     import cv2
 
+    try:
+        import dlib
+    except ImportError:
+        dlib = None
+
+    def start_dlib(frame: NDArray[np.uint8], box: list[float]) -> Any:
+        x, y, w, h = box
+        one = dlib.correlation_tracker()
+        one.start_track(frame, dlib.drectangle(x, y, x + w - 1, y + h - 1))
+        return one
+
+    def start_opencv(tracker: str, frame: NDArray[np.uint8], box: list[float]) -> Any:
+        one = getattr(cv2, f"Tracker{tracker}_create")()
+        one.init(frame, tuple(round(side) for side in box))
+        return one
+
     def seconds(tracker: str, frames: str, boxes: list[list[float]], count: int) -> float:
-        shown = np.load(frames, mmap_mode="r")[: count + 1]
-        bgr = [np.ascontiguousarray(frame[..., ::-1]) for frame in shown]
-        trackers = [getattr(cv2, f"Tracker{tracker}_create")() for _ in boxes]
-        for one, box in zip(trackers, boxes, strict=True):
-            one.init(bgr[0], tuple(round(side) for side in box))
-        start = time.perf_counter()
-        for frame in bgr[1:]:
+        shown = [np.array(frame) for frame in np.load(frames, mmap_mode="r")[: count + 1]]
+        if tracker == "dlib":
+            start = start_dlib
+        else:
+            start = functools.partial(start_opencv, tracker)
+            shown = [np.ascontiguousarray(frame[..., ::-1]) for frame in shown]
+        trackers = [start(shown[0], box) for box in boxes]
+        since = time.perf_counter()
+        for frame in shown[1:]:
             for one in trackers:
                 one.update(frame)
-        return time.perf_counter() - start
+        return time.perf_counter() - since
 
     found = [name for name in ("MIL", "KCF", "CSRT") if hasattr(cv2, f"Tracker{name}_create")]
-    yield {"version": cv2.__version__, "trackers": found}
+    versions = {"OpenCV": cv2.__version__}
+    if dlib is not None:
+        found.append("dlib")
+        versions["dlib"] = dlib.__version__
+    yield {"versions": versions, "trackers": found}
     for line in sys.stdin:
         yield seconds(**json.loads(line))
 
@@ -158,7 +181,7 @@ def _memory(name: str) -> int:
 
 
 COMMANDS: dict[str, Callable[..., Iterator[Any]]] = {
-    one.__name__: one for one in (opencv, track, first, stream, imports)
+    one.__name__: one for one in (others, track, first, stream, imports)
 }
 
 if __name__ == "__main__":

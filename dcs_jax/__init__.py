@@ -3,6 +3,7 @@
 Only the names here and in the submodules `evaluation`, `jobs` and `synthetic` are stable.
 """
 
+from dcs_jax.compilation import cache
 from dcs_jax.config import Config, Redetection, ScaleFilter, TranslationFilter, Verification
 from dcs_jax.runners.batch import track_batch
 from dcs_jax.runners.sequence import track_chunk, track_sequence
@@ -23,6 +24,7 @@ __all__ = [
     "Track",
     "TranslationFilter",
     "Verification",
+    "cache",
     "init",
     "score",
     "select_classifiers",

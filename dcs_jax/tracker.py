@@ -26,6 +26,17 @@ from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
 
 
+class _View(NamedTuple):
+    """The window around a box, for the search in it and for learning from it.
+
+    window: [G_y + 1, G_x + 1], its integral image. spectrum: what the translation filter sees of
+    it, or None.
+    """
+
+    window: Float[Array, "lines_y lines_x"]
+    spectrum: Complex[Array, "8 Y half"] | None
+
+
 def init(
     frame: ImageLike | VideoFrame | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
 ) -> State:
@@ -39,46 +50,61 @@ def init(
 
     Raises ValueError where shapes, types or the box are not as stated.
     """
-    return start(frame, box, key, config)[0]
+    return _begin(frame, box, key, config)[0]
 
 
 def start(
     frame: ImageLike | VideoFrame | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
 ) -> tuple[State, StepInfo]:
     """`init`, and the first row of the track, `score` of the same frame, from one window."""
+    state, view = _begin(frame, box, key, config)
+    return state, _score(state, view, config)
+
+
+def _begin(
+    frame: ImageLike | VideoFrame | ColumnSums, box: BoxLike, key: jax.Array | Pool, config: Config
+) -> tuple[State, _View]:
+    """The first state, and what is seen around its box."""
     frame = _readable(frame)
     check_box(box, frame.shape)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
+    view = _look(frame, config, box)
+    return _first_state(view, box, pool, frame.shape, config), view
+
+
+@jax.jit
+def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
     window = window_integral(frame, box, config.grid)
-    state = _first_state(window, box, pool, frame.shape, config)
-    return state, _score(state, window, config)
+    return _View(
+        window, None if config.translation is None else translation.spectrum(window, config.grid)
+    )
 
 
 @functools.partial(jax.jit, static_argnames="frame_shape")
 def _first_state(
-    window: Float[Array, "lines_y lines_x"],
+    view: _View,
     box: Float[Array, "4"],
     pool: Pool,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> State:
     """The state that has learned the object from the window around its first box."""
-    values = responses(training_patches(window, box, frame_shape, config), pool)
+    values = responses(training_patches(view.window, box, frame_shape, config), pool)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
         1, config.first_updates, lambda _, weak: update_weak(weak, values)[0], weak
     )
     weak, strong, _ = _learn(values, weak, config)
-    descriptions = _describe(window, jnp.zeros(2, jnp.float32), config)
+    descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
     return State(
         box,
         box[2:],
         pool,
         weak,
         strong,
-        None if config.translation is None else translation.init(window, config.grid),
+        None if view.spectrum is None else translation.init(view.spectrum, config.grid),
         None if config.scale is None else scale.init(descriptions),
         None if config.verification is None else verification.init(_own_scale(descriptions)),
     )
@@ -98,9 +124,7 @@ def step(
 
 
 @jax.jit
-def _step(
-    state: State, frame: VideoFrame | ColumnSums, config: Config
-) -> tuple[State, StepInfo]:
+def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple[State, StepInfo]:
     # Lines 1-3: where in the window around its last position is the object most likely?
     look = jax.tree_util.Partial(_look, frame, config)
     localise = jax.tree_util.Partial(_localise, state, frame, config)
@@ -121,41 +145,22 @@ def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Conf
     """
     frame = _readable(frame)
     _check_components(state, config)
-    return _score(state, window_integral(frame, state.box, config.grid), config)
+    return _score(state, _look(frame, config, state.box), config)
 
 
 @jax.jit
-def _score(state: State, window: Float[Array, "lines_y lines_x"], config: Config) -> StepInfo:
-    """`score` from the window around the box."""
+def _score(state: State, view: _View, config: Config) -> StepInfo:
+    """`score` from what is seen around the box."""
     noisy_or, part_scores = middle_confidence(
-        window, state.pool, state.weak, state.strong, config
+        view.window, state.pool, state.weak, state.strong, config
     )
     confidence = jnp.full_like(noisy_or, jnp.nan)
     if state.verification and config.verification:
-        description = _own_scale(_describe(window, jnp.zeros(2, jnp.float32), config))
+        description = _own_scale(_describe(view.window, jnp.zeros(2, jnp.float32), config))
         similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
     here = Candidate(state.box, noisy_or, confidence, part_scores)
     return _info(state, here, jnp.zeros(len(LABELS), jnp.float32), config)
-
-
-class _View(NamedTuple):
-    """The window around a box, for the search in it and for learning from it.
-
-    window: [G_y + 1, G_x + 1], its integral image. spectrum: what the translation filter sees of
-    it, or None.
-    """
-
-    window: Float[Array, "lines_y lines_x"]
-    spectrum: Complex[Array, "8 Y half"] | None
-
-
-@jax.jit
-def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
-    window = window_integral(frame, box, config.grid)
-    return _View(
-        window, None if config.translation is None else translation.spectrum(window, config.grid)
-    )
 
 
 @jax.jit

@@ -1,6 +1,9 @@
 """How every test runs: shapes checked at run time, strict promotion, compiled programs kept."""
 
+import contextlib
 import os
+import signal
+import subprocess
 from pathlib import Path
 
 # JAX reads these when it is imported, which the hook below does.
@@ -25,6 +28,32 @@ from dcs_jax import tracker
 # The first example of each shape compiles. The same examples every time: a failure is reproducible.
 settings.register_profile("default", deadline=None, derandomize=True, max_examples=25)
 settings.load_profile("default")
+
+
+# A runner may ignore Ctrl-C, as `nohup pytest &` does, and what it starts inherits that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def start():
+    """Start a process with pipes of text. It and what it has started do not outlive the test."""
+    started = []
+
+    def start(command, **options):
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
+        process = subprocess.Popen([*map(str, command)], start_new_session=True, **options)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        for pipe in (process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import importlib.util
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -72,14 +71,13 @@ def run(*arguments):
     return CliRunner().invoke(app, ["batch", *map(str, arguments)])
 
 
-def start_process(*arguments, **environment):
-    return subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "batch", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | environment,
-    )
+@pytest.fixture
+def start_process(start):
+    def start_process(*arguments, **environment):
+        command = [sys.executable, "-c", COMMAND, "batch", *arguments]
+        return start(command, env=os.environ | environment)
+
+    return start_process
 
 
 def rows_of(path):
@@ -277,7 +275,7 @@ def wait_for(condition, process, seconds=120):
     return found
 
 
-def test_ctrl_c_ends_cleanly_and_the_same_command_continues(videos, tmp_path):
+def test_ctrl_c_ends_cleanly_and_the_same_command_continues(videos, tmp_path, start_process):
     """Interrupted in the second video, which is long enough for that."""
     write_video(tmp_path / "long.avi", render(1500, SHAPE, (36, 30)))
     manifest = write_manifest(
@@ -328,7 +326,7 @@ def busy_workers(parent):
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the worker is looked up in /proc")
-def test_a_killed_worker_loses_no_row_and_doubles_none(videos, clip, tmp_path):
+def test_a_killed_worker_loses_no_row_and_doubles_none(videos, clip, tmp_path, start_process):
     """Two workers of a local Ray cluster; one is killed while it tracks."""
     for n in range(8):
         (tmp_path / f"card{n}.avi").symlink_to(videos / "card.avi")

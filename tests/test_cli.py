@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import dcs_jax
 from dcs_jax.cli import app
-from dcs_jax.cli.environment import keep_compiled_programs
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.metrics import mean_centre_error
 from dcs_jax.io.frames import open_source
 from dcs_jax.io.overlay import VideoWriter
@@ -33,15 +33,23 @@ def test_compiled_programs_are_kept_in_the_users_cache(monkeypatch, tmp_path):
     before = cache_directory()
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    keep_compiled_programs()
+    folder = cache()
     kept = cache_directory()
     jax.config.update("jax_compilation_cache_dir", before)
-    assert kept == str(tmp_path / "dcs_jax")
+    assert kept == str(folder) == str(tmp_path / "dcs_jax")
+
+
+def test_compiled_programs_are_kept_in_a_folder_of_ones_own(tmp_path):
+    before = cache_directory()
+    folder = cache(tmp_path)
+    kept = cache_directory()
+    jax.config.update("jax_compilation_cache_dir", before)
+    assert kept == str(folder) == str(tmp_path)
 
 
 def test_a_cache_that_is_set_is_kept():
     before = cache_directory()
-    keep_compiled_programs()
+    cache()
     assert cache_directory() == before
 
 
@@ -142,18 +150,13 @@ def test_broken_video_keeps_what_was_tracked(video, clip, tmp_path):
     assert "boxes.csv" in line
 
 
-def test_ctrl_c_keeps_what_was_tracked(clip, tmp_path):
+def test_ctrl_c_keeps_what_was_tracked(clip, tmp_path, start):
     with VideoWriter(tmp_path / "long.avi", clip.frames[0].shape) as writer:
         for _ in range(30):
             for frame in clip.frames:
                 writer.write(frame)
     out = tmp_path / "boxes.csv"
-    process = subprocess.Popen(
-        command("track", tmp_path / "long.avi", "--box", box_of(clip), "--out", out),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = start(command("track", tmp_path / "long.avi", "--box", box_of(clip), "--out", out))
     deadline = time.monotonic() + 120
     while not (out.exists() and len(out.read_text().splitlines()) > 34):
         assert process.poll() is None, process.communicate()

@@ -2,7 +2,6 @@
 
 import importlib.util
 import signal
-import subprocess
 import sys
 import time
 
@@ -115,19 +114,14 @@ def test_a_missing_package_is_one_line(root, tmp_path, monkeypatch):
         )
 
 
-def test_ctrl_c_ends_cleanly_and_the_same_command_continues(tmp_path):
+def test_ctrl_c_ends_cleanly_and_the_same_command_continues(tmp_path, start):
     """Interrupted in the second sequence, which is long enough for it."""
     write_otb(tmp_path / "root", "a-short", render(9, (120, 160), (36, 30)))
     write_otb(tmp_path / "root", "b-long", render(1500, (120, 160), (36, 30)))
     out = tmp_path / "out"
     options = [tmp_path / "root", *PRESETS, "--seeds", 4, "--out", out]
     code = "from dcs_jax.cli import app; app(prog_name='dcs-jax')"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "evaluate", *map(str, options)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = start([sys.executable, "-c", code, "evaluate", *options])
     deadline = time.monotonic() + 120
     while not list(out.glob("runs/a-short/*/ope.npz")) and time.monotonic() < deadline:
         assert process.poll() is None, process.communicate()

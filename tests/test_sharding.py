@@ -2,7 +2,6 @@
 
 import os
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
@@ -48,7 +47,7 @@ def clip_frames():
     return render(12, (120, 160), (36, 30)).frames
 
 
-def run(tmp_path, devices, processes):
+def run(start, tmp_path, devices, processes):
     """The files that the processes have saved."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -58,11 +57,9 @@ def run(tmp_path, devices, processes):
     environment = os.environ | {"PYTHONPATH": path, "JAX_PLATFORMS": "cpu"}
     paths = [tmp_path / f"{number}.npz" for number in range(processes)]
     running = [
-        subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, *map(str, (path, devices, processes, number, port))],
+        start(
+            [sys.executable, "-c", SCRIPT, path, devices, processes, number, port],
             env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
         )
         for number, path in enumerate(paths)
     ]
@@ -75,13 +72,13 @@ def run(tmp_path, devices, processes):
 
 
 @pytest.mark.parametrize(("devices", "processes"), [(2, 1), (4, 1), (1, 2)])
-def test_a_sharded_batch_has_the_same_boxes(tmp_path, devices, processes):
+def test_a_sharded_batch_has_the_same_boxes(start, tmp_path, devices, processes):
     one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL)
     singles = [
         dcs_jax.track_sequence(clip_frames(), box, jax.random.key(seed), SMALL).boxes
         for seed, box in enumerate(BOXES)
     ]
-    for saved in run(tmp_path, devices, processes):
+    for saved in run(start, tmp_path, devices, processes):
         np.testing.assert_array_equal(saved["one"], one.boxes)
         np.testing.assert_allclose(saved["scores"], one.noisy_or, atol=1e-6)
         np.testing.assert_array_equal(saved["many"], singles)

@@ -51,7 +51,7 @@ def test_the_response_peaks_at_the_displacement_of_a_shifted_window(seed, down, 
 def test_the_first_frame_keeps_its_weight_in_the_score():
     first, later = window(1), window(2)
     settings = TranslationFilter(weight=2.0, learning_rate=0.5, first_frame=0.25)
-    initial = translation.init(integral(first), GRID)
+    initial = translation.init(spectrum(first), GRID)
     state = translation.update(initial, spectrum(later), settings, GRID)
     np.testing.assert_array_equal(state.first_frame.numerator, initial.running.numerator)
     one, other = (expected.train(cells, GRID) for cells in (first, later))

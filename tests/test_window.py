@@ -126,8 +126,8 @@ def test_of_a_large_window_some_pixels_are_enough():
     frame = smooth.astype(np.uint8)[None]
     # Windows of 540, 900 and, at the frame's edge, 1080 columns.
     for box in ([400.3, 200.9, 300, 250], [350.5, 210.2, 500, 480], [-90.7, 333.1, 600, 500]):
-        box = np.array(box, np.float32)
-        means = np.diff(np.diff(np.asarray(from_a_block(frame, 0, box)), axis=0), axis=1)
-        expected = reference.window_cells(frame[0], box, GRID)
+        integral = np.asarray(from_a_block(frame, 0, np.array(box, np.float32)))
+        means = np.diff(np.diff(integral, axis=0), axis=1)
+        expected = reference.window_cells(frame[0], np.array(box, np.float32), GRID)
         # Of the cells' contrast of some 200; one value a cell would be off by 20.
         np.testing.assert_allclose(means, expected, atol=3)

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
 from dcs_jax.cli.progress import WorkBar
 from dcs_jax.cli.track import Preset
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.settings import with_changes
 from dcs_jax.jobs.results import FAILED, INDEX
 from dcs_jax.jobs.run import RETRIES, Batch, BatchWatch, EngineName, run_batch
@@ -56,7 +56,7 @@ def batch(
     The same command continues where it was stopped. The exit code is 3 if something failed, and 130
     after Ctrl-C.
     """
-    keep_compiled_programs()
+    cache()
     together = [",".join(changes)] if changes else []
     config = with_changes([preset], together)[-1].config("")
     with BatchBar() as bar:

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 import dcs_jax
-from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.film_strip import Span, film_strip, write_image
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap, success_rate
 from dcs_jax.io.annotations import BoxWriter
 from dcs_jax.io.overlay import VideoWriter, draw_track
@@ -29,7 +29,7 @@ def demo(
 
     Needs no data and no network.
     """
-    keep_compiled_programs()
+    cache()
     out.mkdir(parents=True, exist_ok=True)
     clip = render()
     config = dcs_jax.Config()

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
 from dcs_jax.cli.progress import WorkBar
 from dcs_jax.cli.report import PAGE, check_report_needs, print_means, write_page
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.experiment import Watch
 from dcs_jax.evaluation.experiment import evaluate as run_evaluation
 from dcs_jax.evaluation.settings import with_changes
@@ -83,7 +83,7 @@ def evaluate(
         raise ValueError("--peers is now --baselines")
     if page:
         check_report_needs()
-    keep_compiled_programs()
+    cache()
     settings = with_changes(_split(presets, _BEFORE_A_NAME), changes or [])
     with EvaluationBar() as bar:
         done = run_evaluation(

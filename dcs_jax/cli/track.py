@@ -13,9 +13,9 @@ from rich.text import Text
 
 import dcs_jax
 from dcs_jax.checks import check_box
-from dcs_jax.cli.environment import keep_compiled_programs
 from dcs_jax.cli.errors import INTERRUPTED
 from dcs_jax.cli.progress import bar
+from dcs_jax.compilation import cache
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
 from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
@@ -123,7 +123,7 @@ def _track_to_files(
     seed: int,
 ) -> NDArray[np.float32]:
     """Track all frames and write every chunk as it is done: boxes [n, 4]."""
-    keep_compiled_programs()
+    cache()
     check_box(box, frames.shape[:2])
     config = dcs_jax.Config() if preset == "default" else dcs_jax.Config.paper()
     boxes: list[NDArray[np.float32]] = []

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int32
 from dcs_jax.config import Config
 from dcs_jax.types import Candidate
 
+
 def search(
     look: jax.tree_util.Partial,
     localise: jax.tree_util.Partial,

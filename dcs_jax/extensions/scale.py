@@ -44,8 +44,8 @@ def estimate(state: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, "
     """By how many steps the object has grown: [], between -S/2 and S/2, by a parabola's peak."""
     spectrum = filters.response(state, _spectrum(descriptions), _RIDGE)
     # The frequencies that a real response does not need count in the others.
-    waves = _waves(len(descriptions)).conj() * np.where(np.arange(len(spectrum)) == 0, 1, 2)[:, None]
-    waves /= len(descriptions)
+    twice = np.where(np.arange(spectrum.shape[0]) == 0, 1, 2)[:, None]
+    waves = _waves(len(descriptions)).conj() * twice / len(descriptions)
     response = spectrum.real @ jnp.asarray(waves.real, jnp.float32)
     response -= spectrum.imag @ jnp.asarray(waves.imag, jnp.float32)
     best = jnp.argmax(response[1:-1]) + 1

@@ -22,12 +22,9 @@ _SIGMA = 1 / 16
 _RIDGE = 0.01
 
 
-def init(window: Float[Array, "lines_y lines_x"], grid: Grid) -> TranslationState:
-    """The filter after the first frame.
-
-    window: [G_y + 1, G_x + 1], integral image of the window around the initial box.
-    """
-    trained = train(spectrum(window, grid), grid)
+def init(spectrum: Complex[Array, "8 Y half"], grid: Grid) -> TranslationState:
+    """The filter after the first frame; spectrum: of the window around the initial box."""
+    trained = train(spectrum, grid)
     return TranslationState(trained, trained)
 
 
