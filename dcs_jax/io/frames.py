@@ -4,6 +4,7 @@ A source is cheap to open, and is checked then, so that errors that can be found
 before anything is tracked. It can be iterated over more than once.
 """
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
@@ -23,6 +24,7 @@ Item = TypeVar("Item")
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
 )
+_ALIGNMENT = 64  # bytes, of an array that JAX does not copy
 FOLDER_FPS = 30.0  # a folder of images has no frame rate
 # The number of frames that a container announces may be an estimate from its duration: a video
 # that is at most this many frames shorter counts as complete.
@@ -212,7 +214,7 @@ def chunks(frames: Iterable[Image], length: int) -> Iterator[NDArray[np.uint8]]:
             broken = error
             break
         if stack is None:
-            stack = np.empty((length, *frame.shape), np.uint8)
+            stack = _aligned((length, *frame.shape))
         stack[filled] = frame
         filled += 1
         if filled == length:
@@ -222,6 +224,13 @@ def chunks(frames: Iterable[Image], length: int) -> Iterator[NDArray[np.uint8]]:
         yield stack[:filled]
     if broken is not None:
         raise broken
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """An array that JAX reads where it is: others it copies."""
+    memory = np.empty(math.prod(shape) + _ALIGNMENT, np.uint8)
+    first = -memory.ctypes.data % _ALIGNMENT
+    return memory[first : first + math.prod(shape)].reshape(shape)
 
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:

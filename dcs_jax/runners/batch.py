@@ -25,7 +25,7 @@ def track_batch(
     The same boxes as B calls of `track_sequence`, bit for bit with `scale=None`, else up to the
     rounding of the boxes' sizes, which differs between compiled programs. In less time: on a CPU
     one thread a core, and the column sums of a frame once a core, not once a target. Memory: the
-    frames, the states and a chunk of 32 frames.
+    frames, the states and a chunk of them (32 MiB, or 32 frames).
 
     frames: uint8, NumPy or JAX. One video for all boxes, [T, H, W] grey or [T, H, W, 3] RGB, or a
         video for each, [B, T, H, W] or [B, T, H, W, 3]. Four axes with 3 at the end are always one

@@ -174,7 +174,7 @@ def track_stream(
     config: settings, as for `track_batch`; its numbers may be arrays [S].
     slots: S, how many tracks there can be at a time, at least B; by default B. Tracks that come and
         go compile nothing, and an empty slot takes no time.
-    chunk: frames in a chunk; by default 32, fewer where they are very large.
+    chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB.
 
     Raises ValueError, before any compilation, where an argument is not as stated; while the stream
     runs, where a frame is not.
