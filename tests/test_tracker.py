@@ -110,12 +110,10 @@ def test_30_frames_on_the_pixel_grid_are_each_that_of_the_reference():
 
 @pytest.mark.parametrize("preset", [Config(), Config.paper()], ids=["default", "paper"])
 def test_moving_frame_and_box_together_moves_the_track(preset):
-    clip = render(12, (153, 188), (40, 32), seed=1)
-    # Of one shape, which is compiled once; outside a frame its nearest pixel is repeated anyway.
-    padding = ((0, 7), (0, 12)), ((7, 0), (12, 0))
-    before, after = (np.pad(clip.frames, ((0, 0), *one, (0, 0)), mode="edge") for one in padding)
-    here = dcs_jax.track_sequence(before, clip.boxes[0], config=preset)
-    there = dcs_jax.track_sequence(after, clip.boxes[0] + np.float32([12, 7, 0, 0]), config=preset)
+    clip = render(12, (160, 200), (40, 32), seed=1)
+    wide = np.pad(clip.frames, ((0, 0), (7, 0), (12, 0), (0, 0)), mode="edge")
+    here = dcs_jax.track_sequence(clip.frames, clip.boxes[0], config=preset)
+    there = dcs_jax.track_sequence(wide, clip.boxes[0] + np.float32([12, 7, 0, 0]), config=preset)
     np.testing.assert_allclose(there.boxes, here.boxes + np.float32([12, 7, 0, 0]), atol=0.1)
 
 
