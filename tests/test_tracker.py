@@ -129,6 +129,28 @@ def test_a_still_scene_never_drifts(preset):
     assert np.abs(track.boxes - clip.boxes[0]).max() < 0.5
 
 
+FLAT = np.zeros((160, 200, 3), np.uint8)
+SLOPE = np.broadcast_to(np.arange(200, dtype=np.uint8)[:, None], FLAT.shape)
+NOISE = np.random.default_rng(0).integers(0, 256, FLAT.shape, np.uint8)
+
+
+@pytest.mark.parametrize("preset", [Config(), Config.paper()], ids=["default", "paper"])
+@pytest.mark.parametrize(
+    "kinds",
+    [(FLAT,), (FLAT + np.uint8(255),), (SLOPE,), (FLAT, NOISE), (NOISE, FLAT, NOISE)],
+    ids=["black", "white", "slope", "black, then noise", "noise, with a gap"],
+)
+def test_nothing_to_see_gives_finite_boxes(preset, kinds):
+    frames = np.concatenate([np.repeat(kind[None], 6, axis=0) for kind in kinds])
+    track = dcs_jax.track_sequence(frames, (80, 60, 40, 32), config=preset)
+    assert np.isfinite(track.boxes).all()
+    assert np.isfinite(track.noisy_or).all()
+    if preset.verification is not None:
+        assert np.isfinite(track.confidence).all()
+    if kinds[0] is FLAT and preset.verification is not None:
+        assert track.lost[-1]  # it has never been seen
+
+
 def test_a_constant_added_to_all_grey_values_changes_no_bit():
     clip = render(15, (120, 160), (36, 30))
     dim = clip.frames // 2

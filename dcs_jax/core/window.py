@@ -83,8 +83,8 @@ def window_integral(
     that it cuts, and the same along the columns; outside the frame the nearest pixel is repeated.
     Grey values are relative to the pixel at the box's centre, and sums start at the window's first
     pixels: the features do not depend on either, and float32 is exact for larger windows. Of a
-    window of more than 512 pixels a side every second pixel is read, or every third and so on:
-    never fewer than 256 a side.
+    window of more than 512 pixels every second pixel is read, or every third and so on: of the
+    longer side at least 256.
 
     frame: of which a block around the window is read; or its `column_sums`, which many boxes can
         share. box: [4] x, y, w, h in pixels.

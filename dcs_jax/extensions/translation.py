@@ -20,6 +20,8 @@ _CELLS = 10
 _SIGMA = 1 / 16
 # Ridge, as a share of the mean power.
 _RIDGE = 0.01
+# Added to it: a window of one colour has no power. No other one has less than some hundreds.
+_ROUNDING = 1e-6
 
 
 def init(spectrum: Complex[Array, "8 Y half"], grid: Grid) -> TranslationState:
@@ -86,7 +88,7 @@ def response(
     The filter has one value a cell; the positions between are values of the same Fourier series.
     """
     rows, columns = _shape(grid)
-    ridge = _RIDGE * trained.denominator.mean()
+    ridge = _RIDGE * trained.denominator.mean() + _ROUNDING
     found = filters.response(trained, spectrum, ridge)
     lines = [
         _displacements((positions - 1) // 2, _cell(grid), count)
