@@ -24,8 +24,8 @@ Program = Callable[[Any, Any, Any], tuple[Any, Any]]
 
 AXIS = "batch"  # of the mesh
 
-# One thread for the products of a step: the cores are busy with a shard of the slots each.
-_OPTIONS: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False}
+# One thread for the products of a step, where the cores are busy with a shard of the slots each.
+_ONE_THREAD: dict[str, Any] = {"xla_cpu_multi_thread_eigen": False}
 
 
 class SlotSharding:
@@ -77,7 +77,8 @@ class SlotSharding:
         """Run a program on all shards at once: their new states and their results."""
         calls = [(state, one, common) for state, one in zip(states, each, strict=True)]
         # One after the other: the shards have the same program.
-        compiled = [_compiled(program, self._mesh, call) for call in calls]
+        options = {} if self._parts == 1 else _ONE_THREAD
+        compiled = [_compiled(program, self._mesh, call, options) for call in calls]
         start = perf_counter()
         if len(calls) == 1:
             done = [compiled[0](*calls[0])]
@@ -135,13 +136,15 @@ _programs: dict[Any, Any] = {}
 MOST_PROGRAMS = 32
 
 
-def _compiled(program: Program, mesh: Mesh | None, arguments: tuple[Any, ...]) -> Any:
+def _compiled(
+    program: Program, mesh: Mesh | None, arguments: tuple[Any, ...], options: dict[str, Any]
+) -> Any:
     """The program for arguments of these shapes, compiled once, in no thread and not on the clock.
 
     It holds no communication between the devices: each maps over the slots it has.
     """
     leaves, structure = jax.tree.flatten(arguments)
-    key = (program, mesh, structure, *map(_kind, leaves))
+    key = (program, mesh, tuple(options), structure, *map(_kind, leaves))
     if key not in _programs:
         function = program
         if mesh is not None:
@@ -153,7 +156,7 @@ def _compiled(program: Program, mesh: Mesh | None, arguments: tuple[Any, ...]) -
                 out_specs=each,
                 check_vma=False,
             )
-        jitted = jax.jit(function, donate_argnums=0, compiler_options=_OPTIONS)
+        jitted = jax.jit(function, donate_argnums=0, compiler_options=options)
         _programs[key] = jitted.lower(*arguments).compile()
         if len(_programs) > MOST_PROGRAMS:
             del _programs[next(iter(_programs))]
