@@ -58,8 +58,8 @@ def start():
 
 @pytest.fixture
 def traces(monkeypatch):
-    """How often `init` and `step` have been traced since the test began: a dict of counts."""
-    counts = {"init": 0, "step": 0}
+    """How often what is compiled has been traced since the test began: a dict of counts."""
+    counts = {"init": 0, "start": 0, "step": 0}
 
     def counted(name, function):
         def count(*arguments):

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcs_jax.config import Config
+from dcs_jax.core import window
 from dcs_jax.core.window import VideoFrame, column_sums, reach, to_grey, window_integral
 
 CONFIG = Config(canvas=(10, 12), window_factor=1.8)
@@ -36,6 +37,13 @@ def integral_of(frame, box):
 @jax.jit
 def from_a_block(frames, number, box):
     return window_integral(VideoFrame(frames, number), box, CONFIG.grid)
+
+
+@jax.jit
+def from_the_whole_frame(frames, number, box):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(window, "_BLOCKS", (max(frames.shape[1:3]),))
+        return window_integral(VideoFrame(frames, number), box, CONFIG.grid)
 
 
 @jax.jit
@@ -107,9 +115,10 @@ def test_a_window_from_a_block_is_that_from_the_whole_frame(x, y, w, h, number):
     frames = np.random.default_rng(0).integers(0, 256, (2, 480, 640, 3), np.uint8)
     box = np.array([x, y, w, h], np.float32)
     # Bit for bit, so that a batch that shares column sums has the boxes of single tracks.
-    np.testing.assert_array_equal(
-        from_a_block(frames, number, box), integral_of(frames[number], box)
-    )
+    integral = from_a_block(frames, number, box)
+    np.testing.assert_array_equal(integral, integral_of(frames[number], box))
+    if w * GRID.window[1] / GRID.columns + 2 <= 512:  # of larger ones not every pixel is read
+        np.testing.assert_array_equal(integral, from_the_whole_frame(frames, number, box))
 
 
 def test_windows_from_blocks_under_vmap_are_the_single_ones():
