@@ -27,7 +27,7 @@ import cv2
 
 from benchmarks.common import median_range, take_turns
 from dcs_jax.cli.environment import silence_opencv
-from dcs_jax.io.frames import FrameSource, open_source
+from dcs_jax.io.frames import StoredSource, open_source
 from dcs_jax.io.overlay import VideoWriter
 from dcs_jax.synthetic import render
 
@@ -101,7 +101,7 @@ def write_clips(folder: Path, size: tuple[int, int], length: int) -> dict[str, P
     return written
 
 
-def bytes_of(source: FrameSource) -> int:
+def bytes_of(source: StoredSource) -> int:
     """The size of a video, or of the files of a folder."""
     files = source.path.iterdir() if source.path.is_dir() else [source.path]
     return sum(path.stat().st_size for path in files)

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dcs_jax.io.frames import BrokenSource, chunks, open_source
-from dcs_jax.io.image_size import image_size, is_cut_off
+from dcs_jax.io.chunks import chunks
+from dcs_jax.io.frames import BrokenSource, open_source
+from dcs_jax.io.image_bytes import image_size, is_cut_off
 from dcs_jax.io.overlay import VideoWriter
 
 SHAPE = (48, 64, 3)

@@ -1,5 +1,7 @@
 """Boxes on frames, videos of them, and the film strip."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -61,11 +63,15 @@ def test_draw_track_does_not_change_the_frame(clip):
     assert is_colour(drawn, TRUTH).any()
 
 
-@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])
-def test_video_can_be_read_again(tmp_path, clip, name):
-    with VideoWriter(tmp_path / name, clip.frames[0].shape, fps=25) as writer:
-        for frame in clip.frames:
+def write_video(path, frames, fps=25):
+    with VideoWriter(path, frames[0].shape, fps) as writer:
+        for frame in frames:
             writer.write(frame)
+
+
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.mkv", "clip.avi"])
+def test_video_can_be_read_again(tmp_path, clip, name):
+    write_video(tmp_path / name, clip.frames)
     source = open_source(tmp_path / name)
     assert (source.shape, source.length, source.fps) == ((96, 128, 3), 24, 25)
     for found, written in zip(source, clip.frames, strict=True):
@@ -82,13 +88,29 @@ def test_video_of_odd_size_loses_its_last_row_and_column(tmp_path, clip, name):
     assert np.abs(found.astype(int) - frame[:94, :126]).mean() < 12
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [("clip.gif", r"must end in one of \.mp4"), ("no/clip.mp4", "cannot be written as a mp4v")],
-)
-def test_video_that_cannot_be_written(tmp_path, name, message):
-    with pytest.raises(ValueError, match=message):
-        VideoWriter(tmp_path / name, (96, 128, 3))
+def test_video_that_cannot_be_written(tmp_path):
+    with pytest.raises(ValueError, match=r"must end in one of \.mp4"):
+        VideoWriter(tmp_path / "clip.gif", (96, 128, 3))
+    with pytest.raises(FileNotFoundError, match="No such file"):
+        VideoWriter(tmp_path / "no" / "clip.mp4", (96, 128, 3))
+
+
+@pytest.mark.parametrize("fps", [211.222, 24000 / 1001, 0.5, 1000])
+def test_any_frame_rate(tmp_path, clip, fps):
+    write_video(tmp_path / "clip.mp4", clip.frames, fps)
+    source = open_source(tmp_path / "clip.mp4")
+    assert source.length == len(list(source)) == len(clip.frames)
+    assert source.fps == pytest.approx(fps, rel=1e-3)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "avi"])
+def test_full_disk_is_an_error(tmp_path, clip, suffix):
+    path = tmp_path / f"clip.{suffix}"
+    path.symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left"):
+        write_video(path, clip.frames)
+    assert not path.is_symlink()
 
 
 @pytest.mark.parametrize("with_truth", [True, False])

@@ -12,7 +12,7 @@ from settings import SMALL, SMALL_DEFAULT
 
 import dcs_jax
 from dcs_jax import Config, tracker
-from dcs_jax.io.frames import ahead, chunks
+from dcs_jax.io.chunks import ahead, chunks
 from dcs_jax.synthetic import render
 from dcs_jax.types import Track
 

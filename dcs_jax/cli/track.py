@@ -18,7 +18,7 @@ from dcs_jax.cli.progress import bar
 from dcs_jax.compilation import cache
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
-from dcs_jax.io.frames import BrokenSource, FrameSource, open_source
+from dcs_jax.io.frames import BrokenSource, FrameSource, StoredSource, open_source
 from dcs_jax.io.overlay import VideoWriter, draw_track
 
 Preset = Literal["default", "paper"]
@@ -91,7 +91,7 @@ def parse_box(text: str) -> NDArray[np.float64]:
     return box
 
 
-def _read_truth(source: Path, frames: FrameSource) -> NDArray[np.float64] | None:
+def _read_truth(source: Path, frames: StoredSource) -> NDArray[np.float64] | None:
     """The annotation [T, 4] of all frames of the source, None if it has none."""
     annotation = find_annotation(source)
     if annotation is None:

@@ -4,9 +4,13 @@ Frames are uint8 RGB [H, W, 3]. Boxes are x, y, w, h in pixels with pixel (0, 0)
 [0, 1); they are drawn to a fraction of a pixel.
 """
 
+import contextlib
+from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from typing import Self
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +21,8 @@ TRACKED: Colour = (64, 224, 255)
 TRUTH: Colour = (255, 255, 255)
 INK: Colour = (14, 20, 30)
 
-CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
+# Of a video that can be written, and the name of its container.
+SUFFIXES = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".avi": "avi"}
 _SHIFT = 4  # fractional bits of the coordinates given to OpenCV
 
 
@@ -83,36 +88,65 @@ def draw_track(
 
 
 class VideoWriter:
-    """Writes frames to a video file. A context manager.
+    """Writes frames to a video file that any player shows, a browser, too. A context manager.
 
-    The codec follows the suffix: MPEG-4 in .mp4, .m4v and .mov, Motion JPEG in .avi. Both are in
-    every OpenCV wheel; H.264 is not. They need even sides: a last odd row or column is cut off.
+    The codec follows the suffix: H.264 in .mp4, .m4v, .mov and .mkv, Motion JPEG in .avi. They
+    need even sides: a last odd row or column is cut off.
     """
 
     def __init__(self, path: str | Path, shape: tuple[int, int, int], fps: float = 30.0) -> None:
         """Open the file for frames of `shape` (H, W, 3).
 
         Raises:
-            ValueError: the suffix is none of those above, or the file cannot be written.
+            ValueError: the suffix is none of those above.
+            OSError: the file cannot be written.
         """
-        path = Path(path)
-        codec = CODECS.get(path.suffix.lower())
-        if codec is None:
-            raise ValueError(f"{path} must end in one of {', '.join(CODECS)} to become a video")
-        rows, columns, _ = shape
-        fourcc = cv2.VideoWriter.fourcc(*codec)
-        self._writer = cv2.VideoWriter(str(path), fourcc, fps, (columns, rows))
-        if not self._writer.isOpened():
-            raise ValueError(
-                f"{path} cannot be written as a {codec} video of {columns} x {rows} pixels"
-            )
+        self._path = Path(path)
+        suffix = self._path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise ValueError(f"{path} must end in one of {', '.join(SUFFIXES)} to become a video")
+        self._rows, self._columns = (side - side % 2 for side in shape[:2])
+        # Opened here: FFmpeg would do so, and fail, with the first frames only.
+        self._file = self._path.open("wb")
+        self._container = av.open(self._file, "w", format=SUFFIXES[suffix])
+        rate = Fraction(fps).limit_denominator(1000)
+        if suffix == ".avi":
+            self._stream = self._container.add_stream("mjpeg", rate, options={"qscale": "3"})
+            self._stream.pix_fmt = "yuvj420p"
+        else:
+            # 20 looks as the frame does; the tracker waits for slower presets.
+            options = {"preset": "veryfast", "crf": "20"}
+            self._stream = self._container.add_stream("libx264", rate, options=options)
+            self._stream.pix_fmt = "yuv420p"
+        self._stream.height, self._stream.width = self._rows, self._columns
+        self._failed = False
 
     def write(self, frame: NDArray[np.uint8]) -> None:
-        """Append one frame [H, W, 3]."""
-        self._writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        """Append one frame [H, W, 3]; OSError where that fails."""
+        image = np.ascontiguousarray(frame[: self._rows, : self._columns])
+        self._mux(av.VideoFrame.from_ndarray(image, format="rgb24"))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._writer.release()
+        """Complete the file; OSError where that fails."""
+        if not self._failed:
+            self._mux(None)
+            self._tell(self._container.close)
+            self._file.close()
+
+    def _mux(self, frame: av.VideoFrame | None) -> None:
+        self._tell(lambda: self._container.mux(self._stream.encode(frame)))
+
+    def _tell(self, write: Callable[[], None]) -> None:
+        """Do it. Where it fails the file is removed, as it is no video."""
+        try:
+            write()
+        except OSError as error:
+            self._failed = True
+            with contextlib.suppress(OSError):
+                self._file.close()
+            self._path.unlink(missing_ok=True)
+            reason = f"the video cannot be written: {error.strerror}"
+            raise OSError(error.errno, reason, str(self._path)) from None

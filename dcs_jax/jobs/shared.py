@@ -48,7 +48,7 @@ class SharedFrames:
             self._positions[reader] = math.inf
         if index == start or (end is not None and index < end):
             raise BrokenSource(
-                f"{self._source.path} has {self._next} frames, but the range is {start} to "
+                f"{self._source.name} has {self._next} frames, but the range is {start} to "
                 f"{'its end' if end is None else end}",
                 index,
             )

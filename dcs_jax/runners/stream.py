@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
 from dcs_jax.config import Config, resolve_all
-from dcs_jax.io.frames import Image, ahead, chunks
+from dcs_jax.io.chunks import ahead, chunks
+from dcs_jax.io.source import Image
 from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
 

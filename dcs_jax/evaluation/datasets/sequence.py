@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax.checks import check_box
-from dcs_jax.io.frames import IMAGE_SUFFIXES, FrameSource, open_source
+from dcs_jax.io.frames import StoredSource, open_source
+from dcs_jax.io.images import image_names
 
 
 class Sequence(NamedTuple):
@@ -21,7 +22,7 @@ class Sequence(NamedTuple):
     """
 
     name: str
-    frames: FrameSource
+    frames: StoredSource
     truth: NDArray[np.float64]
 
     def fingerprint(self) -> str:
@@ -67,8 +68,6 @@ def open_sequence(
     label is not a box that can be tracked.
     """
     frames = open_source(source, start, end)
-    if frames.length is None:
-        raise ValueError(f"{source} does not say how many frames it has: convert it to mp4 or avi")
     if len(truth) != frames.length:
         raise ValueError(
             f"{annotation} labels {len(truth)} frames, but {source} has {frames.length}: "
@@ -86,11 +85,11 @@ def open_sequence(
 
 def holds_images(folder: Path) -> bool:
     """Whether there are images in a folder."""
-    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+    return bool(image_names(folder))
 
 
 def count_images(folder: Path) -> int:
     """The number of images in a folder. Raises ValueError if there is no such folder."""
     if not folder.is_dir():
         raise ValueError(f"{folder} does not exist: expected a folder of images")
-    return sum(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+    return len(image_names(folder))

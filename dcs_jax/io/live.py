@@ -1,0 +1,242 @@
+"""Frames that come by themselves: cameras, network streams, pipes. They are read once."""
+
+import functools
+import os
+import re
+import stat
+import sys
+import threading
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from av.container import InputContainer
+from numpy.typing import NDArray
+
+from dcs_jax.io.source import FOLDER_FPS, BrokenSource, FrameSource, Image
+from dcs_jax.io.video import (
+    decoded_frames,
+    frame_rate,
+    open_container,
+    shown_frames,
+    to_rgb,
+    video_stream,
+)
+
+PATIENCE = 10.0  # seconds without a frame after which a camera or stream is given up
+# What is lost there if nobody looks; others wait for their reader.
+_LIVE_PROTOCOLS = frozenset(("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt"))
+# As soon as a frame is there it is wanted: nothing is collected first.
+_AT_ONCE = {"fflags": "nobuffer", "flags": "low_delay", "rtsp_transport": "tcp"}
+
+Convert = Callable[[], Image]
+
+
+def is_stream(source: str) -> bool:
+    """Whether a source is none of files: a camera's number, an address, "-" or a named pipe."""
+    if source == "-" or source.isdecimal() or "://" in source:
+        return True
+    try:
+        return stat.S_ISFIFO(os.stat(source).st_mode)
+    except OSError:
+        return False
+
+
+def open_stream(
+    source: str, most: int | None = None, raw: str | None = None, patience: float = PATIENCE
+) -> "StreamSource":
+    """Open a stream, and wait for its first frame.
+
+    source: a camera's number, an address such as rtsp://…, "-" for standard input, or a named pipe.
+    most: frames after which it ends; by default when the source does.
+    raw: WxH or WxH:FORMAT for a pipe of bare pixels, by default rgb24; FORMAT as FFmpeg names it.
+    patience: seconds without a frame after which it is given up; a pipe may take any time.
+
+    Raises ValueError where it cannot be opened or gives no frame.
+    """
+    if source.isdecimal():
+        return CameraSource(int(source), most, patience)
+    return EncodedSource(source, most, raw, patience)
+
+
+class StreamSource(FrameSource):
+    """A stream: it has no length, and is read once. See `open_stream`.
+
+    live: whether frames are lost where nobody takes them. They then are dropped, all but the last
+        one, so that no delay builds up.
+    dropped: number of frames dropped so far.
+    positions: for each frame taken, its number among all that came, counted from 0; who reads
+        them, takes them from the left.
+    """
+
+    live: bool
+
+    def __init__(self, name: str, most: int | None, patience: float) -> None:
+        self.name, self.start, self.length, self.notes = name, 0, None, []
+        self.dropped = 0
+        self.positions: deque[int] = deque()
+        self._most = most
+        self._patience = patience
+        self._begun = False
+
+    def _look(self) -> None:
+        """Wait for the first frame, which says the shape."""
+        self._arriving = self._arrive()
+        self._first = next(self._arriving, None)
+        if self._first is None:
+            raise ValueError(f"{self.name} gives no frame: expected a camera or a video stream")
+        rows, columns, _ = self._first().shape
+        self.shape = (rows, columns, 3)
+
+    @abstractmethod
+    def _arrive(self) -> Iterator[Convert]:
+        """Every frame, as soon as it is there, converted when called; raises where it fails."""
+
+    def __iter__(self) -> Iterator[Image]:
+        if self._begun:
+            raise ValueError(f"{self.name} can be read once only: it is no file")
+        self._begun = True
+        arriving = self._newest() if self.live else enumerate(self._all())
+        taken = 0
+        while self._most is None or taken < self._most:
+            try:
+                position, convert = next(arriving)
+            except StopIteration:
+                return
+            except (ValueError, OSError) as error:
+                raise BrokenSource(
+                    f"{self.name} breaks off after frame {taken - 1}: {error}", taken
+                ) from error
+            image = convert()
+            if image.shape != self.shape:
+                raise BrokenSource(
+                    f"{self.name}: frame {position} has the shape {image.shape}, but the first has "
+                    f"{self.shape}",
+                    taken,
+                )
+            self.positions.append(position)
+            yield image
+            taken += 1
+
+    def _all(self) -> Iterator[Convert]:
+        assert self._first is not None
+        yield self._first
+        yield from self._arriving
+
+    def _newest(self) -> Iterator[tuple[int, Convert]]:
+        """The newest frame whenever one is taken; a thread lets go of the others."""
+        arrived = threading.Condition()
+        newest: deque[tuple[int, Convert]] = deque(maxlen=1)
+        ended: list[Exception | None] = []
+
+        def watch() -> None:
+            error = None
+            try:
+                for numbered in enumerate(self._all()):
+                    with arrived:
+                        self.dropped += len(newest)
+                        newest.append(numbered)
+                        arrived.notify()
+            except Exception as raised:
+                error = raised
+            with arrived:
+                ended.append(error)
+                arrived.notify()
+
+        # A camera may never answer: the thread does not keep the process from ending.
+        threading.Thread(target=watch, name="dcs_jax.live", daemon=True).start()
+        while True:
+            with arrived:
+                there = arrived.wait_for(lambda: newest or ended, self._patience)
+                if not there:
+                    raise TimeoutError(f"no frame for {self._patience:g} s")
+                if not newest:
+                    if ended[0] is not None:
+                        raise ended[0]
+                    return
+                numbered = newest.popleft()
+            yield numbered
+
+
+class EncodedSource(StreamSource):
+    """A network stream, or a pipe of encoded or raw video, which FFmpeg decodes."""
+
+    def __init__(self, source: str, most: int | None, raw: str | None, patience: float) -> None:
+        super().__init__("standard input" if source == "-" else source, most, patience)
+        protocol = source.partition("://")[0].lower() if "://" in source else ""
+        self.live = protocol in _LIVE_PROTOCOLS
+        options: dict[str, Any] = {} if raw is None else _raw_options(raw)
+        if protocol:
+            options["timeout"] = patience
+            address: Any = source
+        else:
+            # Opened here: FFmpeg would open a pipe a second time to look what it holds.
+            address = sys.stdin.buffer if source == "-" else open(source, "rb")  # noqa: SIM115
+        if self.live:
+            options["options"] = _AT_ONCE
+        self._container: InputContainer = open_container(self.name, address, **options)
+        self._stream = video_stream(self.name, self._container)
+        if self.live:
+            self._stream.thread_type = "SLICE"  # threads for whole frames give each one late
+        self.fps = frame_rate(self._stream)
+        self._look()
+
+    def _arrive(self) -> Iterator[Convert]:
+        failed = 0
+
+        def skipped(error: Exception) -> None:
+            nonlocal failed
+            failed += 1
+
+        try:
+            for frame in shown_frames(
+                decoded_frames(self._container, self._stream, skipped), self._stream
+            ):
+                yield functools.partial(to_rgb, frame)
+        except av.error.ExitError:
+            raise TimeoutError(f"no data for {self._patience:g} s") from None
+        if failed:
+            self.notes.append(
+                f"{failed} packets of {self.name} could not be decoded: their frames are left out"
+            )
+
+
+class CameraSource(StreamSource):
+    """A camera of this machine, by its number, which OpenCV knows on every system."""
+
+    live = True
+
+    def __init__(self, number: int, most: int | None, patience: float) -> None:
+        super().__init__(f"camera {number}", most, patience)
+        self._capture = cv2.VideoCapture(number)
+        if not self._capture.isOpened():
+            raise ValueError(
+                f"camera {number} cannot be opened: expected the number of a camera that is "
+                "connected and not in use, the first is 0"
+            )
+        self.fps = self._capture.get(cv2.CAP_PROP_FPS) or FOLDER_FPS
+        self._look()
+
+    def _arrive(self) -> Iterator[Convert]:
+        while True:
+            good, image = self._capture.read()
+            if not good:
+                raise OSError("it gives no more frames")
+            yield functools.partial(_to_rgb, image)
+
+
+def _to_rgb(bgr: NDArray[Any]) -> Image:
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def _raw_options(raw: str) -> dict[str, Any]:
+    match = re.fullmatch(r"(\d+)x(\d+)(?::(\w+))?", raw)
+    if match is None or "0" in match.groups():
+        raise ValueError(f"--raw is {raw!r}: expected WxH or WxH:FORMAT, as in 640x480:rgb24")
+    columns, rows, pixels = match.groups()
+    options = {"video_size": f"{columns}x{rows}", "pixel_format": pixels or "rgb24"}
+    return {"format": "rawvideo", "options": options}
