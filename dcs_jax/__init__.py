@@ -6,8 +6,10 @@ Only the names here and in the submodules `evaluation`, `jobs` and `synthetic` a
 from dcs_jax.compilation import cache
 from dcs_jax.config import Config, Redetection, ScaleFilter, TranslationFilter, Verification
 from dcs_jax.runners.batch import track_batch
+from dcs_jax.runners.live import MultiTracker, Result, Tracker
 from dcs_jax.runners.sequence import track_chunk, track_sequence
 from dcs_jax.runners.stream import Chunk, Stream, track_stream
+from dcs_jax.saving import Saved, load, save
 from dcs_jax.solvers.select import Selection, select_classifiers
 from dcs_jax.tracker import init, score, step
 from dcs_jax.types import State, StepInfo, Track
@@ -15,17 +17,23 @@ from dcs_jax.types import State, StepInfo, Track
 __all__ = [
     "Chunk",
     "Config",
+    "MultiTracker",
     "Redetection",
+    "Result",
+    "Saved",
     "ScaleFilter",
     "Selection",
     "State",
     "StepInfo",
     "Stream",
     "Track",
+    "Tracker",
     "TranslationFilter",
     "Verification",
     "cache",
     "init",
+    "load",
+    "save",
     "score",
     "select_classifiers",
     "step",

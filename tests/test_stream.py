@@ -59,6 +59,23 @@ def test_chunks_hold_the_frames_in_order(clip):
     assert stream.seconds > 0
 
 
+def test_a_track_starts_in_a_frame_to_come(clip):
+    """With a chunk that ends there, whose last row has the box; then as one that was added."""
+    stream = dcs_jax.track_stream(clip.frames, clip.boxes[:1], config=SMALL, slots=3, chunk=8)
+    assert [stream.add(clip.boxes[t], frame=t) for t in (0, 12)] == [1, 2]
+    np.testing.assert_array_equal(stream.active, [True] * 3)
+    parts = list(stream)
+    assert [part.start for part in parts] == [0, 1, 9, 13, 17, 25]
+    found = joined(iter(parts)).boxes
+    np.testing.assert_array_equal(np.isnan(found[2]).any(-1), np.arange(30) < 12)
+    np.testing.assert_allclose(found[2, 12], clip.boxes[12], atol=1e-4)
+    own = dcs_jax.track_stream(clip.frames[12:], clip.boxes[12:13], config=SMALL)
+    np.testing.assert_allclose(found[2, 12:], joined(own).boxes[0], atol=1e-4)
+    np.testing.assert_array_equal(found[1], found[0])
+    whole = dcs_jax.track_stream(clip.frames, clip.boxes[:1], config=SMALL)
+    np.testing.assert_allclose(found[0], joined(whole).boxes[0], atol=1e-4)
+
+
 @pytest.mark.parametrize("keys", [None, KEYS], ids=["one-pool", "own-pools"])
 def test_tracks_come_and_go_without_compilation(clip, monkeypatch, keys):
     boxes = clip.boxes[0] + SHIFTS

@@ -1,6 +1,7 @@
 """A fixed number of slots, each with a track or empty: what batches and streams run on."""
 
 import math
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -61,8 +62,9 @@ class Slots:
         mesh: Mesh | None = None,
         videos: bool = False,
         length: int | None = None,
+        states: Sequence[State] = (),
     ) -> None:
-        """Make empty slots.
+        """Make slots, the first of them with tracks that go on from these states, the rest empty.
 
         frame_shape: (H, W) or (H, W, 3).
         keys: [], one key, and all tracks share one pool, unless `config.block` differs between
@@ -70,6 +72,9 @@ class Slots:
         config: resolved; each of its numbers one for all, or an array [S].
         videos: whether each slot has frames of its own; by default all have the same.
         length: frames in a chunk; by default 32, fewer where they have more than 32 MiB.
+        states: with their pools, which are one and the same where all tracks share one.
+
+        Raises ValueError where a state is not one of these settings.
         """
         self.size = size
         self.grid = config.grid
@@ -86,17 +91,25 @@ class Slots:
             jax.random.key(0),
             one_config,
         )
+        for number, given in enumerate(states):
+            _check_state(number, given, state)
         self._pool: Pool | None = None
         self._keys: jax.Array | None = None
         if self.shared:
-            self._pool = self.sharding.replicate(_draw(keys, one_config))
+            pool = states[0].pool if states else draw(keys, one_config)
+            self._pool = self.sharding.replicate(pool)
             state = without_pool(state, self._pool)
         else:
             self._keys = jnp.broadcast_to(keys, (size,))
         self._config = self.sharding.shard(each_config)
-        self._states = self.sharding.shard(
-            jax.tree.map(lambda leaf: np.zeros((size, *leaf.shape), leaf.dtype), state)
-        )
+        empty = jax.tree.map(lambda leaf: np.zeros((size, *leaf.shape), leaf.dtype), state)
+        for slot, given in enumerate(states):
+            jax.tree.map(
+                lambda rows, leaf, slot=slot: rows.__setitem__(slot, np.asarray(leaf)),
+                empty,
+                without_pool(given, self._pool),
+            )
+        self._states = self.sharding.shard(empty)
 
     def init(
         self,
@@ -151,6 +164,12 @@ class Slots:
         )
         return Records(infos, count)
 
+    def state(self, slot: int) -> State:
+        """The state of one slot, with its pool."""
+        of_all = self.sharding.gather(self._states)
+        state: State = jax.tree.map(lambda leaf: leaf[slot], of_all)
+        return state if self._pool is None else state._replace(pool=self._pool)
+
     def rows(self, records: Records) -> StepInfo:
         """Records [S, n, ...] of all slots as NumPy arrays.
 
@@ -162,6 +181,17 @@ class Slots:
     def _mask(self, counts: NDArray[np.generic]) -> NDArray[np.generic]:
         """0 for the slots added to make the shards equal."""
         return np.pad(counts, (0, self.sharding.size - self.size))
+
+
+def _check_state(number: int, given: State, expected: State) -> None:
+    """ValueError unless it is a state of these settings; expected: its shapes."""
+    shapes = jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), given)
+    wanted = jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), expected)
+    if shapes != wanted:
+        raise ValueError(
+            f"states[{number}] is not a state of these settings: expected the config that it was "
+            "made with"
+        )
 
 
 def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
@@ -193,7 +223,7 @@ def _spread(config: Config, size: int) -> Config:
 
 
 # Compiled, and traced once for their shapes.
-_draw = jax.jit(draw_pool)
+draw = jax.jit(draw_pool)
 
 
 @jax.jit

@@ -1,9 +1,10 @@
 """Tracks through frames as they come, in memory that does not grow with their number."""
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,8 +12,8 @@ from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, che
 from dcs_jax.config import Config, resolve_all
 from dcs_jax.io.chunks import ahead, chunks
 from dcs_jax.io.source import Image
-from dcs_jax.runners.slots import Records, Slots
-from dcs_jax.types import BoxLike, Track
+from dcs_jax.runners.slots import Slots, draw
+from dcs_jax.types import BoxLike, Pool, State, StepInfo, Track
 
 
 class Chunk(NamedTuple):
@@ -45,16 +46,23 @@ class Stream(Iterator[Chunk]):
         boxes: NDArray[np.float32],
         slots: Slots,
         config: Config,
+        num_states: int = 0,
     ) -> None:
-        """What `track_stream` has checked; frames: those after the first."""
+        """What `track_stream` has checked; frames: those after the first.
+
+        num_states: slots with a track that goes on from a state; those of the boxes follow.
+        """
         self._slots = slots
         self._config = config
         self._boxes = np.ones((slots.size, 4), np.float32)
-        self._boxes[: len(boxes)] = boxes
-        self._active = np.zeros(slots.size, bool)
-        self._new = np.arange(slots.size) < len(boxes)
+        self._boxes[num_states : num_states + len(boxes)] = boxes
+        number = np.arange(slots.size)
+        self._active = number < num_states  # these have a state, and are stepped in every frame
+        self._new = ~self._active & (number < num_states + len(boxes))
+        self._waiting: dict[int, int] = {}  # of a slot, the frame in which its track starts
         self._keys: dict[int, jax.Array] = {}
         self._last = first  # the last frame that was yielded
+        self._yielded = 0  # number of frames
         self._chunks = self._scan(frames)
 
     def __iter__(self) -> "Stream":
@@ -75,18 +83,34 @@ class Stream(Iterator[Chunk]):
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """The slots that will have a track in the next chunk: [S]."""
-        return self._active | self._new
+        """The slots that have a track, or will have one: [S]."""
+        active = self._active | self._new
+        active[list(self._waiting)] = True
+        return active
 
-    def add(self, box: BoxLike, key: jax.Array | None = None) -> int:
-        """Start a track in the last frame that was yielded; it is followed from the next on.
+    def state(self, slot: int) -> State:
+        """The state of a track after the last frame that was yielded: see `dcs_jax.save`.
 
-        box: [4], x, y, w, h in pixels in that frame.
+        ValueError where the slot has no track.
+        """
+        if not (0 <= slot < self._slots.size and self._active[slot]):
+            raise ValueError(f"slot {slot} has no track, or none that has started")
+        return self._slots.state(slot)
+
+    def add(self, box: BoxLike, key: jax.Array | None = None, frame: int | None = None) -> int:
+        """Start a track.
+
+        box: [4], x, y, w, h in pixels.
         key: of its features, if each track has its own; None if all share one pool.
+        frame: index of the frame with the box, counted from 0: one that is not yielded yet, a chunk
+            then ends with it, and has the box in its last row; by default the last that was
+            yielded. It is followed from the next on.
 
         Returns its slot, the first one that is free; ValueError where none is.
         """
         check_box(box, self._last.shape)
+        if frame is not None:
+            check_count("frame", frame, least=self._yielded)
         box = np.asarray(box, np.float32)
         if self._slots.shared and key is not None:
             raise ValueError("key must be None: the tracks of this stream share one pool")
@@ -104,7 +128,10 @@ class Stream(Iterator[Chunk]):
                 "more slots"
             )
         slot = int(free[0])
-        self._new[slot] = True
+        if frame is None:
+            self._new[slot] = True
+        else:
+            self._waiting[slot] = frame
         self._boxes[slot] = box
         if key is not None:
             self._keys[slot] = key
@@ -118,31 +145,59 @@ class Stream(Iterator[Chunk]):
                 f"{', '.join(map(str, np.flatnonzero(self.active))) or 'none'}"
             )
         self._active[slot] = self._new[slot] = False
+        self._waiting.pop(slot, None)
         self._keys.pop(slot, None)
 
     def _scan(self, frames: Iterable[Image]) -> Generator[Chunk]:
-        first = self._last
-        yield self._chunk(0, first[None], self._init())
-        start = 1
+        first = self._last[None]
+        if self._active.any():  # tracks that go on, also in the first frame
+            yield self._track(first)
+        else:
+            self._start(0)
+            yield self._chunk(first, self._init())
         for stack in ahead(chunks(frames, self._slots.length)):
-            if self._new.any():
-                self._init()
-            records = self._slots.scan(stack, self._active)
-            self._last = stack[-1]
-            yield self._chunk(start, stack, records)
-            start += len(stack)
+            while len(stack):
+                # Where a track starts, a chunk ends.
+                later = [frame + 1 - self._yielded for frame in self._waiting.values()]
+                count = min([len(stack), *later])
+                yield self._track(stack[:count])
+                stack = stack[count:]
 
-    def _init(self) -> Records:
-        """Start the new tracks in the last frame."""
+    def _track(self, frames: NDArray[np.uint8]) -> Chunk:
+        """Step the tracks, those that were added in the last frame, too, and start others."""
+        if self._new.any() and self._yielded:
+            self._init()
+        stepped = self._active.copy()
+        rows = self._slots.rows(self._slots.scan(frames, stepped))
+        self._last = frames[-1]
+        self._start(self._yielded + len(frames) - 1)
+        if not self._new.any():
+            return self._chunk(frames, rows)
+
+        def with_first(of_all: NDArray[np.generic], first: NDArray[np.generic]) -> NDArray[Any]:
+            of_all[~stepped, -1] = first[~stepped, 0]
+            return of_all
+
+        return self._chunk(frames, jax.tree.map(with_first, rows, self._init()))
+
+    def _start(self, frame: int) -> None:
+        """Let the tracks that start in this frame be new."""
+        for slot in [slot for slot, start in self._waiting.items() if start == frame]:
+            del self._waiting[slot]
+            self._new[slot] = True
+
+    def _init(self) -> StepInfo:
+        """Start the new tracks in the last frame: their rows."""
         records = self._slots.init(self._last, self._boxes, self._new, self._keys)
         self._active |= self._new
         self._new[:] = False
         self._keys.clear()
-        return records
+        return self._slots.rows(records)
 
-    def _chunk(self, start: int, frames: NDArray[np.uint8], records: Records) -> Chunk:
-        track = Track(*self._slots.rows(records))
-        return Chunk(start, frames, track, self._active.copy())
+    def _chunk(self, frames: NDArray[np.uint8], rows: StepInfo) -> Chunk:
+        chunk = Chunk(self._yielded, frames, Track(*rows), self._active.copy())
+        self._yielded += len(frames)
+        return chunk
 
 
 def track_stream(
@@ -153,6 +208,7 @@ def track_stream(
     *,
     slots: int | None = None,
     chunk: int | None = None,
+    states: Sequence[State] = (),
 ) -> Stream:
     """Track boxes through frames as they come, chunk by chunk.
 
@@ -176,6 +232,9 @@ def track_stream(
     slots: S, how many tracks there can be at a time, at least B; by default B. Tracks that come and
         go compile nothing, and an empty slot takes no time.
     chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB.
+    states: tracks that go on, as `Stream.state` or `load` gives them: they are followed into the
+        first frame, and have the first slots. `boxes` may then be empty. The boxes are those of one
+        run, in the same sense.
 
     Raises ValueError, before any compilation, where an argument is not as stated; while the stream
     runs, where a frame is not.
@@ -185,19 +244,38 @@ def track_stream(
     if first is None:
         raise ValueError("frames is empty: expected at least one frame")
     check_frame(first)
-    boxes = check_boxes(boxes, first.shape)
+    states = list(states)
+    if states and not len(boxes):
+        boxes = np.empty((0, 4), np.float32)
+    else:
+        boxes = check_boxes(boxes, first.shape)
+    count = len(states) + len(boxes)
+    own_key = keys is not None
     keys = check_keys(keys, len(boxes))
-    for name, count in (("slots", slots), ("chunk", chunk)):
-        if count is not None:
-            check_count(name, count)
-    size = len(boxes) if slots is None else slots
-    if size < len(boxes):
-        raise ValueError(f"slots is {size}, but there are {len(boxes)} boxes")
+    for name, number in (("slots", slots), ("chunk", chunk)):
+        if number is not None:
+            check_count(name, number)
+    size = count if slots is None else slots
+    if size < count:
+        raise ValueError(f"slots is {size}, but there are {count} boxes and states")
+    for number, state in enumerate(states):
+        if not isinstance(state, State):
+            raise ValueError(f"states[{number}] must be a dcs_jax.State, but is {state!r}")
+    # In a state only the size of the initial box counts.
+    initial = [np.r_[0, 0, np.asarray(state.initial_size)] for state in states]
+    resolved = resolve_all(config, np.asarray([*initial, *boxes], np.float32))
     if keys.ndim:
-        keys = keys[np.minimum(np.arange(size), len(boxes) - 1)]
-    resolved = resolve_all(config, boxes)
-    tracks = Slots(size, first.shape, keys, resolved, length=chunk)
-    return Stream(_same_shape(source, first), first, boxes, tracks, config)
+        keys = keys[np.clip(np.arange(size) - len(states), 0, len(boxes) - 1)]
+    elif states and not _have_one_pool(states, draw(keys, resolved) if own_key else None):
+        keys = jnp.broadcast_to(keys, (size,))  # each with a pool of its own
+    tracks = Slots(size, first.shape, keys, resolved, length=chunk, states=states)
+    return Stream(_same_shape(source, first), first, boxes, tracks, config, len(states))
+
+
+def _have_one_pool(states: Sequence[State], drawn: Pool | None) -> bool:
+    """Whether all states have the same features, those drawn if there are any."""
+    pools = [drawn or states[0].pool, *(state.pool for state in states)]
+    return all(map(np.array_equal, jax.tree.leaves(pools[:1] * len(pools)), jax.tree.leaves(pools)))
 
 
 def _same_shape(frames: Iterable[Image], first: Image) -> Iterator[Image]:
