@@ -7,7 +7,7 @@ import typer
 import dcs_jax
 from dcs_jax.cli.batch import batch
 from dcs_jax.cli.demo import demo
-from dcs_jax.cli.environment import silence_opencv
+from dcs_jax.cli.environment import end_like_ctrl_c, print_any_name, silence_opencv
 from dcs_jax.cli.errors import OneLineErrors
 from dcs_jax.cli.evaluate import evaluate
 from dcs_jax.cli.report import report
@@ -44,5 +44,7 @@ def main(
 ) -> None:
     """Track one object through a video with part-based online boosting."""
     silence_opencv()
+    end_like_ctrl_c()
+    print_any_name()
     if context.invoked_subcommand is None:
         typer.echo(context.get_help(), nl=False)

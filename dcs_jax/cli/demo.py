@@ -73,7 +73,7 @@ def demo(
         for drawn in map(draw_track, clip.frames, boxes, confidence, clip.boxes):
             video.write(drawn)
     with BoxWriter(out / "boxes.csv") as file:
-        file.write(boxes, confidence)
+        file.write(boxes[None], confidence[None], track.lost[None], range(len(boxes)))
     for name in ("film-strip.png", "overlay.mp4", "boxes.csv"):
         typer.echo(out / name)
 

@@ -41,6 +41,12 @@ class OneLineErrors(TyperGroup):
         return super().main(*args, **extra)
 
 
+def warn(message: str) -> None:
+    """Print one line on stderr, and go on."""
+    typer.secho("warning: ", fg="yellow", bold=True, nl=False, err=True)
+    typer.echo(" ".join(message.split()), err=True)
+
+
 def _report(message: str, code: int) -> int:
     typer.secho("error: ", fg="red", bold=True, nl=False, err=True)
     typer.echo(" ".join(message.split()), err=True)

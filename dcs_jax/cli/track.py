@@ -1,6 +1,6 @@
-"""`dcs-jax track`: track an object through a video file or a folder of images."""
+"""`dcs-jax track`: track objects through a video, a folder of images or a stream."""
 
-from contextlib import ExitStack
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,42 +12,85 @@ from rich.progress import MofNCompleteColumn, ProgressColumn, Task
 from rich.text import Text
 
 import dcs_jax
+from dcs_jax import formats
 from dcs_jax.checks import check_box
-from dcs_jax.cli.errors import INTERRUPTED
+from dcs_jax.cli.errors import INTERRUPTED, warn
+from dcs_jax.cli.outputs import TABLE, Outputs
 from dcs_jax.cli.progress import bar
+from dcs_jax.cli.targets import (
+    Target,
+    check_names,
+    first_labelled,
+    parse_boxes,
+    read_labels,
+    read_targets,
+)
 from dcs_jax.compilation import cache
+from dcs_jax.config import Config
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
-from dcs_jax.io.annotations import ANNOTATION_NAME, BoxWriter, find_annotation, read_boxes
-from dcs_jax.io.frames import BrokenSource, FrameSource, StoredSource, open_source
-from dcs_jax.io.overlay import VideoWriter, draw_track
+from dcs_jax.evaluation.settings import with_changes
+from dcs_jax.io.annotations import ANNOTATION_NAME
+from dcs_jax.io.frames import BrokenSource, FrameSource, open_frames, open_source
+from dcs_jax.runners.stream import Stream
+from dcs_jax.saving import Saved, load, save
 
 Preset = Literal["default", "paper"]
+OUT = "boxes"  # name of the results without a suffix, where none is given
 
 
 def track(
     source: Annotated[
-        Path,
+        str,
         typer.Argument(
-            metavar="SOURCE", help="A video file or a folder of images.", show_default=False
+            metavar="SOURCE",
+            help="A video file, a folder of images, a pattern img_%04d.png, an address rtsp://…, "
+            "the number of a camera, or - for standard input.",
+            show_default=False,
         ),
     ],
     box: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            metavar="X,Y,W,H",
-            help="Box of the object in the first frame, pixels. Optional if the folder has a "
-            f"{ANNOTATION_NAME}.",
+            metavar="[NAME=]X,Y,W,H",
+            help="Box of an object in the first frame, pixels; repeatable. Optional if the folder "
+            f"has a {ANNOTATION_NAME}.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Table of the boxes, one row per frame.")] = Path(
-        "boxes.csv"
-    ),
+    boxes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Tracks of any format: every object is followed from its first box on.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Results, a row per frame and object.", show_default="boxes.csv"),
+    ] = None,
+    format: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"Format of the results: {', '.join(formats.NAMES)}.",
+            show_default="that of the suffix of --out",
+        ),
+    ] = None,
     overlay: Annotated[
         Path | None,
-        typer.Option(help="Also write a video (mp4, avi) with the boxes.", show_default=False),
+        typer.Option(help="Also write a video (mp4, mkv, avi) with the boxes.", show_default=False),
     ] = None,
     preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = "default",
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Change a setting of the preset, as in --set lam=0.1; repeatable.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")
     ] = 0,
@@ -55,102 +98,167 @@ def track(
     end: Annotated[
         int | None, typer.Option(help="Frame to stop before.", show_default="all frames")
     ] = None,
+    max_frames: Annotated[
+        int | None, typer.Option(min=1, help="Stop after so many frames.", show_default="all")
+    ] = None,
+    raw: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WxH[:FORMAT]",
+            help="Standard input or a pipe is bare pixels of this size, in a format that FFmpeg "
+            "names (rgb24, gray, yuv420p, ...).",
+            show_default=False,
+        ),
+    ] = None,
+    save_to: Annotated[
+        Path | None,
+        typer.Option(
+            "--save", metavar="FILE", help="Store the tracks to go on from.", show_default=False
+        ),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Go on with the stored tracks in the next frame, which is the first of SOURCE.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
-    """Track an object through a video file or a folder of images.
+    """Track objects through a video file, a folder of images or a stream.
 
     If a folder of images has a groundtruth_rect.txt, centre error and success rate are printed at
     the end, and --box is optional: tracking then starts at the first labelled frame.
     """
-    initial = None if box is None else parse_box(box)
-    frames = open_source(source, start, end)
-    for path in (out, overlay):
-        if path is not None and path.resolve() == source.resolve():
-            raise ValueError(f"{path} is the source: it would be overwritten")
-    truth = _read_truth(source, frames)
-    if initial is None:
-        if truth is None:
-            raise ValueError(f"--box is missing, and {source} has no {ANNOTATION_NAME}")
-        first = _first_labelled(truth, start, end)
-        frames, initial = open_source(source, first, end), truth[first]
-    boxes = _track_to_files(frames, initial, truth, out, overlay, preset, seed)
-    typer.echo(f"{len(boxes)} frames tracked, boxes in {out}")
+    saved = None if resume is None else _load(resume, preset, changes)
+    together = [",".join(changes)] if changes else []
+    config = saved.config if saved else with_changes([preset], together)[-1].config("")
+    out, format = _out(out, format)
+    _check_paths(source, out, overlay, save_to)
+    if max_frames is not None:
+        end = min(end or start + max_frames, start + max_frames)
+    given = parse_boxes(box or [], start)
+    frames = open_frames(source, start, end, raw)
+    if boxes is not None:
+        given += read_targets(boxes, start, end)
+    labels = read_labels(source, frames)
+    if not given and saved is None:
+        given = [first_labelled(labels, source, start, end)]
+    elif labels.problem:
+        warn(f"labels are not used: {labels.problem}")
+    first = min((target.frame for target in given), default=start)
+    if first > start and saved is None:
+        frames = open_source(source, first, end)
+    names = [*(name or None for name in (saved.states if saved else {})), *(t.name for t in given)]
+    if len(names) > 1:
+        names = [name or str(number) for number, name in enumerate(names, 1)]
+        check_names(names)
+    for target in given:
+        check_box(target.box, frames.shape)
+    cache()
+    tracker = _stream(frames, given, config, seed, saved)
+    truth = labels.truth if len(names) == 1 else None
+    with Outputs(frames, names, out, format, overlay, truth) as outputs:
+        _run(tracker, frames, outputs, names, config, save_to)
+    typer.echo(f"{outputs.count} frames tracked, boxes in {out}")
     if overlay is not None:
         typer.echo(f"overlay video in {overlay}")
+    if save_to is not None:
+        typer.echo(f"to go on: --resume {save_to}")
+    for note in frames.notes:
+        warn(note)
+    if dropped := getattr(frames, "dropped", 0):
+        warn(f"{dropped} frames came too fast and were dropped")
     if truth is not None:
-        _report_accuracy(boxes, truth[frames.start : frames.start + len(boxes)])
+        _report_accuracy(outputs.boxes[0], truth[frames.start : frames.start + outputs.count])
 
 
-def parse_box(text: str) -> NDArray[np.float64]:
-    """The box [4] in a text X,Y,W,H; ValueError if it is not four numbers."""
-    try:
-        box = np.array([float(field) for field in text.split(",")])
-    except ValueError:
-        box = np.empty(0)
-    if len(box) != 4:
-        raise ValueError(f"--box is {text!r}: expected four numbers X,Y,W,H")
-    return box
+def _load(resume: Path, preset: Preset, changes: list[str] | None) -> Saved:
+    if changes or preset != "default":
+        raise ValueError(f"--preset and --set cannot be changed: {resume} has its own settings")
+    return load(resume)
 
 
-def _read_truth(source: Path, frames: StoredSource) -> NDArray[np.float64] | None:
-    """The annotation [T, 4] of all frames of the source, None if it has none."""
-    annotation = find_annotation(source)
-    if annotation is None:
-        return None
-    truth = read_boxes(annotation)
-    if len(truth) != frames.total:
-        raise ValueError(
-            f"{annotation} has {len(truth)} lines, but there are {frames.total} images: "
-            "expected one line per image"
-        )
-    return truth
+def _out(out: Path | None, format: str | None) -> tuple[Path, str]:
+    """Where the results go, and in which format."""
+    if format is not None and format not in formats.FORMATS:
+        raise ValueError(f"--format is {format!r}: expected one of {', '.join(formats.NAMES)}")
+    if out is None:
+        format = format or TABLE
+        out = Path(OUT).with_suffix(formats.FORMATS[format].suffix)
+    return out, format or (formats.format_of(out) if out.suffix else TABLE)
 
 
-def _first_labelled(truth: NDArray[np.float64], start: int, end: int | None) -> int:
-    """Index of the first frame from start to end that has a label."""
-    labelled = np.flatnonzero(~np.isnan(truth[start:end]).any(axis=1))
-    if not labelled.size:
-        raise ValueError(f"--box is missing, and no frame from {start} on is labelled")
-    return start + int(labelled[0])
+def _check_paths(source: str, *outputs: Path | None) -> None:
+    """ValueError where the source, or what was written before, would be overwritten."""
+    seen: dict[Path, Path] = {}
+    for path in filter(None, outputs):
+        whole = path.resolve()
+        if whole == Path(source).resolve():
+            raise ValueError(f"{path} is the source: it would be overwritten")
+        if whole in seen:
+            raise ValueError(f"{seen[whole]} and {path} are the same file: expected two")
+        seen[whole] = path
 
 
-def _track_to_files(
+def _stream(
+    frames: FrameSource, given: Iterable[Target], config: Config, seed: int, saved: Saved | None
+) -> Stream:
+    """The stream with all objects, also those that start in a later frame."""
+    given = list(given)
+    now = [target for target in given if target.frame == frames.start]
+    later = [target for target in given if target.frame > frames.start]
+    states = list(saved.states.values()) if saved else []
+    initial = [target.box for target in now] or np.empty((0, 4))
+    # A stream that drops what comes too fast is followed frame by frame.
+    chunk = 1 if getattr(frames, "live", False) else None
+    size = len(states) + len(given)
+    key = jax.random.key(seed)
+    stream = dcs_jax.track_stream(
+        frames,
+        initial,
+        None if states and not now else key,
+        config,
+        slots=size,
+        chunk=chunk,
+        states=states,
+    )
+    for target in later:
+        stream.add(target.box, frame=target.frame - frames.start)
+    return stream
+
+
+def _run(
+    stream: Stream,
     frames: FrameSource,
-    box: NDArray[np.float64],
-    truth: NDArray[np.float64] | None,
-    out: Path,
-    overlay: Path | None,
-    preset: Preset,
-    seed: int,
-) -> NDArray[np.float32]:
-    """Track all frames and write every chunk as it is done: boxes [n, 4]."""
-    cache()
-    check_box(box, frames.shape[:2])
-    config = dcs_jax.Config() if preset == "default" else dcs_jax.Config.paper()
-    boxes: list[NDArray[np.float32]] = []
-    with ExitStack() as files:
-        video = overlay and files.enter_context(VideoWriter(overlay, frames.shape, frames.fps))
-        table = files.enter_context(BoxWriter(out, frames.start))
-        progress = files.enter_context(bar(MofNCompleteColumn(), _Rate()))
+    outputs: Outputs,
+    names: list[str | None],
+    config: Config,
+    save_to: Path | None,
+) -> None:
+    """Track all frames and write every chunk as it is done."""
+    states: dict[str, dcs_jax.State] = {}
+    with bar(MofNCompleteColumn(), _Rate()) as progress:
         task = progress.add_task("tracking", total=frames.length)
         try:
-            for chunk in dcs_jax.track_stream(frames, box[None], jax.random.key(seed), config):
-                tracked = np.asarray(chunk.track.boxes[0])
-                confidence = np.asarray(chunk.track.confidence[0])
-                table.write(tracked, confidence)
-                if video:
-                    for n, frame in enumerate(chunk.frames):
-                        label = None if truth is None else truth[frames.start + chunk.start + n]
-                        video.write(draw_track(frame, tracked[n], confidence[n], label))
-                boxes.append(tracked)
-                progress.advance(task, len(tracked))
+            for chunk in stream:
+                if save_to is not None:
+                    slots = [slot for slot, active in enumerate(chunk.active) if active]
+                    states = {names[slot] or "": stream.state(slot) for slot in slots}
+                outputs.write(chunk)
+                progress.advance(task, len(chunk.frames))
         except BrokenSource as error:
-            raise BrokenSource(f"{error}; what was tracked is in {out}", error.frame) from error
+            kept = f"; what was tracked is in {outputs.path}" if outputs.count else ""
+            raise BrokenSource(f"{error}{kept}", error.frame) from error
         except KeyboardInterrupt:
             progress.stop()
-            count = sum(map(len, boxes))
-            typer.echo(f"interrupted: {count} frames tracked, boxes in {out}", err=True)
+            typer.echo(
+                f"interrupted: {outputs.count} frames tracked, boxes in {outputs.path}", err=True
+            )
             raise typer.Exit(INTERRUPTED) from None
-    return np.concatenate(boxes)
+        finally:
+            if save_to is not None and states:
+                save(save_to, states, config)
 
 
 def _report_accuracy(boxes: NDArray[np.float32], truth: NDArray[np.float64]) -> None:

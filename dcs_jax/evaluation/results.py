@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from dcs_jax.evaluation.datasets import Sequence
 from dcs_jax.io.files import atomic, safe_name, write_table
 
+_MOST = 200  # bytes of the name of a file without its suffix
 PICTURES = 48  # frames of a sequence that are kept
 PICTURE_WIDTH = 480  # pixels at most
 JPEG_QUALITY = 80
@@ -206,7 +207,7 @@ class Results:
             return [Skipped(**row) for row in csv.DictReader(file)]
 
     def _labels_path(self, sequence: str) -> Path:
-        return self.folder / "sequences" / f"{safe_name(sequence)}.npz"
+        return self.folder / "sequences" / f"{safe_name(sequence, _MOST)}.npz"
 
     def _path(self, sequence: str, setting: str, start: str) -> Path:
         return self.folder / "runs" / safe_name(sequence) / safe_name(setting) / f"{start}.npz"

@@ -1,36 +1,41 @@
 """Boxes in and out: OTB annotations and the table of results.
 
 An annotation is a text file `groundtruth_rect.txt` with one box per frame: x, y, w, h in pixels,
-separated by commas, tabs or blanks, NaN where the frame is unlabelled.
+separated by commas, tabs or blanks. NaN, or neither width nor height, where it is unlabelled.
 """
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dcs_jax.io.files import lock
+
 ANNOTATION_NAME = "groundtruth_rect.txt"
-COLUMNS = ("frame", "x", "y", "w", "h", "confidence")  # of a table of results
+COLUMNS = ("frame", "x", "y", "w", "h", "confidence")
+# Of a table of results; one of several objects begins with a column id.
+RESULT_COLUMNS = (*COLUMNS, "lost")
 
 
-def read_boxes(path: str | Path, zeros_unlabelled: bool = False) -> NDArray[np.float64]:
+def read_boxes(path: str | Path) -> NDArray[np.float64]:
     """Read an annotation: boxes [T, 4], x, y, w, h in pixels; all four NaN where unlabelled.
 
-    zeros_unlabelled: whether a line of zeros, too, means that the frame is unlabelled.
+    A frame is unlabelled where its line has a NaN, or a width and a height that are not positive,
+    such as 0,0,0,0 or 1,1,-1,-1.
 
-    Raises ValueError if there are no lines, or one is neither a box of positive size nor has a NaN;
-    the message names the line.
+    Raises ValueError if there are no lines, or one is anything else than that or a box; the message
+    names the line.
     """
     lines = read_lines(path)
     if not lines:
         raise ValueError(f"{path} is empty: expected one box x,y,w,h a line")
-    return np.array(
-        [_parse(line, f"{path}, line {n}", zeros_unlabelled) for n, line in enumerate(lines, 1)]
-    )
+    return np.array([_parse(line, f"{path}, line {n}") for n, line in enumerate(lines, 1)])
 
 
 def read_lines(path: str | Path) -> list[str]:
@@ -56,11 +61,11 @@ def parse_numbers(line: str, where: str, counts: Sequence[int], expected: str) -
     return numbers
 
 
-def _parse(line: str, where: str, zeros_unlabelled: bool) -> list[float]:
+def _parse(line: str, where: str) -> list[float]:
     box = parse_numbers(line, where, (4,), "four numbers x,y,w,h")
-    if np.isnan(box).any() or (zeros_unlabelled and not any(box)):
-        return [np.nan] * 4
-    if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
+    if any(map(math.isnan, box)) or (box[2] <= 0 and box[3] <= 0):
+        return [math.nan] * 4
+    if not all(map(math.isfinite, box)) or box[2] <= 0 or box[3] <= 0:
         raise ValueError(
             f"{where} is {line.strip()!r}: expected finite numbers with w and h positive, "
             "or NaN for an unlabelled frame"
@@ -94,25 +99,57 @@ def box_rows(boxes: ArrayLike, confidence: ArrayLike, start: int) -> Iterator[tu
         yield str(frame), *map(str, box), "" if np.isnan(confident) else str(confident)
 
 
+def result_rows(
+    boxes: ArrayLike, confidence: ArrayLike, lost: ArrayLike, start: int
+) -> Iterator[tuple[str, ...]]:
+    """`box_rows` with `lost` [n] as 0 or 1: `RESULT_COLUMNS`. A box of NaN has no row."""
+    boxes = np.asarray(boxes)
+    for row, box, gone in zip(
+        box_rows(boxes, confidence, start), boxes, np.asarray(lost), strict=True
+    ):
+        if not np.isnan(box[0]):
+            yield *row, str(int(gone))
+
+
 class BoxWriter:
-    """Writes results as a table with the columns frame, x, y, w, h, confidence: one row per frame.
+    """Writes results as a table, one row per frame and object, frame by frame.
 
     A context manager. Every call of `write` reaches the disk, so that nothing tracked is lost.
     """
 
-    def __init__(self, path: str | Path, start: int = 0) -> None:
-        """Open the file and write the header; `start` is the index of the first frame."""
-        self._file = Path(path).open("w", encoding="utf-8", newline="")  # noqa: SIM115
+    def __init__(self, path: str | Path, names: Sequence[str] | None = None) -> None:
+        """Open the file and write the header.
+
+        names: of the objects, for a column id; by default there is one object, and no such column.
+
+        Raises ValueError where another run is writing the file, OSError where it cannot be written.
+        """
+        # Not emptied before it is ours.
+        self._file = Path(path).open("a", encoding="utf-8", newline="", errors="surrogateescape")  # noqa: SIM115
+        lock(self._file)
+        if self._file.seekable():  # not a pipe
+            self._file.truncate(0)
         self._table = csv.writer(self._file, lineterminator="\n")
-        self._frame = start
-        self._table.writerow(COLUMNS)
+        self._names = names
+        self._table.writerow(RESULT_COLUMNS if names is None else ("id", *RESULT_COLUMNS))
         self._file.flush()
 
-    def write(self, boxes: ArrayLike, confidence: ArrayLike) -> None:
-        """Append the boxes [n, 4] and confidences [n] of the next n frames."""
-        for row in box_rows(boxes, confidence, self._frame):
-            self._table.writerow(row)
-            self._frame += 1
+    def write(
+        self, boxes: ArrayLike, confidence: ArrayLike, lost: ArrayLike, frames: Sequence[int]
+    ) -> None:
+        """Append the rows of the next n frames.
+
+        boxes: [S, n, 4]. confidence, lost: [S, n]. frames: [n], their indices.
+        """
+        of_all = zip(np.asarray(boxes), np.asarray(confidence), np.asarray(lost), strict=True)
+        rows = [
+            (int(place), number, row)
+            for number, one in enumerate(of_all)
+            for place, *row in result_rows(*one, 0)
+        ]
+        for place, number, row in sorted(rows, key=itemgetter(0, 1)):
+            name = () if self._names is None else (self._names[number],)
+            self._table.writerow((*name, frames[place], *row))
         self._file.flush()
 
     def __enter__(self) -> Self:

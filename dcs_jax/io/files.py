@@ -9,6 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 
 @contextmanager
 def atomic(path: Path, text: bool = False) -> Iterator[IO[Any]]:
@@ -18,7 +23,9 @@ def atomic(path: Path, text: bool = False) -> Iterator[IO[Any]]:
     try:
         mode: dict[str, Any] = {"mode": "wb"}
         if text:
-            mode = {"mode": "w", "encoding": "utf-8", "newline": ""}
+            # Names of files need not be UTF-8: they are written as they are.
+            escape = "surrogateescape"
+            mode = {"mode": "w", "encoding": "utf-8", "newline": "", "errors": escape}
         with open(handle, **mode) as file:
             yield file
         os.chmod(temporary, 0o644)  # a temporary file is readable to its owner only
@@ -36,6 +43,27 @@ def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]
         table.writerows(rows)
 
 
-def safe_name(name: str) -> str:
-    """A name that is safe for a file or folder: blanks, slashes and the like become _."""
-    return re.sub(r"[^\w=.,()\[\]-]", "_", name)
+def lock(file: IO[Any]) -> None:
+    """Keep other runs from locking the same file until it is closed, or the process ends.
+
+    Raises ValueError where another has it. Where the system has no such locks, nothing is done.
+    """
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        name = file.name
+        file.close()
+        raise ValueError(f"{name} is being written by another run: wait, or name another") from None
+    except OSError:  # the file system knows no locks
+        pass
+
+
+def safe_name(name: str, most: int = 255) -> str:
+    """A name that is safe for a file or folder, of at most so many bytes.
+
+    Blanks, slashes and the like become _.
+    """
+    safe = re.sub(r"[^\w=.,()\[\]-]", "_", name).encode()[:most]
+    return safe.decode(errors="ignore")

@@ -7,10 +7,31 @@ before anything is tracked. It can be iterated over more than once.
 from pathlib import Path
 
 from dcs_jax.io.images import ImageFolder, is_pattern
+from dcs_jax.io.live import is_stream, open_stream
 from dcs_jax.io.source import BrokenSource, FrameSource, Image, StoredSource
 from dcs_jax.io.video import VideoFile
 
-__all__ = ["BrokenSource", "FrameSource", "Image", "StoredSource", "open_source"]
+__all__ = ["BrokenSource", "FrameSource", "Image", "StoredSource", "open_frames", "open_source"]
+
+
+def open_frames(
+    source: str, start: int = 0, end: int | None = None, raw: str | None = None
+) -> FrameSource:
+    """`open_source`, or a stream: a camera's number, an address, "-" or a named pipe.
+
+    raw: WxH or WxH:FORMAT where a pipe is bare pixels (see `io.live.open_stream`).
+
+    Raises ValueError as they do, and where a stream is to start later than it does.
+    """
+    if not is_stream(source):
+        if raw is not None:
+            raise ValueError(f"--raw is for standard input and pipes, but the source is {source}")
+        return open_source(source, start, end)
+    if start:
+        raise ValueError(f"{source} is a stream, which starts at 0, but the start is {start}")
+    if end is not None and end <= 0:
+        raise ValueError(f"the range is 0 to {end}: the end is exclusive and must be after it")
+    return open_stream(source, end, raw)
 
 
 def open_source(path: str | Path, start: int = 0, end: int | None = None) -> StoredSource:

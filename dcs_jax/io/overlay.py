@@ -5,7 +5,7 @@ Frames are uint8 RGB [H, W, 3]. Boxes are x, y, w, h in pixels with pixel (0, 0)
 """
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Self
@@ -18,6 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from dcs_jax.io.drawing import BOLD, Colour, put_text, text_width
 
 TRACKED: Colour = (64, 224, 255)
+# Of several objects, in turn.
+OBJECTS: tuple[Colour, ...] = (
+    TRACKED,
+    (255, 206, 92),
+    (178, 226, 120),
+    (255, 132, 104),
+    (206, 150, 255),
+    (120, 180, 255),
+)
 TRUTH: Colour = (255, 255, 255)
 INK: Colour = (14, 20, 30)
 
@@ -73,18 +82,38 @@ def _draw_label(
     put_text(frame, label, left + pad, top + height - 1.6 * pad, INK, size, BOLD)
 
 
-def draw_track(
-    frame: NDArray[np.uint8], box: ArrayLike, confidence: float, truth: ArrayLike | None = None
+def draw_tracks(
+    frame: NDArray[np.uint8],
+    names: Sequence[str],
+    boxes: ArrayLike,
+    confidence: ArrayLike,
+    lost: ArrayLike,
+    truth: ArrayLike | None = None,
 ) -> NDArray[np.uint8]:
-    """A copy of the frame with the tracked box, its confidence and, if given, the true box.
+    """A copy of the frame with the tracked boxes and, if given, the true box of the only object.
 
-    confidence: in [0, 1], NaN for none.
+    A box has its name and confidence, and a darker colour where the object is lost.
+
+    names: [S], "" for none. boxes: [S, 4], NaN left out. confidence: [S] in [0, 1], NaN for none.
+    lost: [S]. truth: [4].
     """
     frame = frame.copy()
     if truth is not None:
         draw_box(frame, truth, TRUTH)
-    draw_box(frame, box, TRACKED, "" if np.isnan(confidence) else f"{confidence:.2f}")
+    of_all = zip(names, np.asarray(boxes), np.asarray(confidence), np.asarray(lost), strict=True)
+    for number, (name, box, confident, gone) in enumerate(of_all):
+        words = [name, "" if np.isnan(confident) else f"{confident:.2f}", "lost" if gone else ""]
+        colour = OBJECTS[number % len(OBJECTS)]
+        dimmed = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
+        draw_box(frame, box, dimmed if gone else colour, " ".join(filter(None, words)))
     return frame
+
+
+def draw_track(
+    frame: NDArray[np.uint8], box: ArrayLike, confidence: float, truth: ArrayLike | None = None
+) -> NDArray[np.uint8]:
+    """`draw_tracks` of one object without a name."""
+    return draw_tracks(frame, [""], np.asarray(box)[None], [confidence], [False], truth)
 
 
 class VideoWriter:

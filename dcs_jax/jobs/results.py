@@ -8,24 +8,28 @@ A file of boxes takes its name when all targets of its video are in it, and the 
 what they depend on: a video is finished if its file is there; the file need not be read.
 """
 
+import csv
 import dataclasses
+import io
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import dcs_jax
 from dcs_jax.config import Config
 from dcs_jax.evaluation.provenance import digest
-from dcs_jax.io.annotations import COLUMNS, box_rows
-from dcs_jax.io.files import safe_name, write_table
+from dcs_jax.io.annotations import RESULT_COLUMNS, result_rows
+from dcs_jax.io.files import lock, safe_name, write_table
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.video import TargetTrack
 
 FOLDER = "boxes"
 INDEX = "results.csv"
 FAILED = "failed.csv"
-LONGEST_STEM = 80  # characters of the video's name in the name of its file
+LOCK = ".lock"
+LONGEST_STEM = 80  # bytes of the video's name in the name of its file
 
 
 class BatchFolder:
@@ -33,7 +37,7 @@ class BatchFolder:
 
     def __init__(self, path: str | Path, config: Config, seed: int) -> None:
         self.path = Path(path)
-        self._made_with = [dataclasses.asdict(config), seed, dcs_jax.__version__]
+        self._made_with = [dataclasses.asdict(config), seed, dcs_jax.__version__, *RESULT_COLUMNS]
         # Computed before the video is tracked: if its file changes meanwhile, it is not finished.
         self._names: dict[Video, str] = {}
         # Listed once: a million single queries to the disk would take longer.
@@ -65,10 +69,10 @@ class BatchFolder:
         name = self._name(video)
         rows = (
             (target.id, *row)
-            for target, (boxes, confidence) in zip(video.targets, tracks, strict=True)
-            for row in box_rows(boxes, confidence, target.start)
+            for target, track in zip(video.targets, tracks, strict=True)
+            for row in result_rows(*track, target.start)
         )
-        write_table(self.path / FOLDER / name, ("id", *COLUMNS), rows)
+        write_table(self.path / FOLDER / name, ("id", *RESULT_COLUMNS), rows)
         others = self._files.setdefault(name.rpartition("-")[0], set())
         for other in others - {name}:
             (self.path / FOLDER / other).unlink(missing_ok=True)
@@ -79,6 +83,33 @@ class BatchFolder:
         """Store which file has which target."""
         rows = ((target.id, target.source, name) for target, name in finished)
         write_table(self.path / INDEX, ("id", "source", "file"), rows)
+
+    def add_to_index(self, targets: Iterable[Target], name: str) -> None:
+        """Append targets and their file, in one piece, so that they are there if this is killed."""
+        rows = io.StringIO()
+        table = csv.writer(rows, lineterminator="\n")
+        table.writerows((target.id, target.source, name) for target in targets)
+        with open(self.path / INDEX, "ab", buffering=0) as file:
+            file.write(rows.getvalue().encode(errors="surrogateescape"))
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Have the folder for this run alone, and remove what a run that was killed left behind.
+
+        Raises ValueError where another run has it.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        with open(self.path / LOCK, "ab") as file:
+            try:
+                lock(file)
+            except ValueError:
+                raise ValueError(
+                    f"{self.path} is in use by another run: wait for it, or name another --out"
+                ) from None
+            for folder in (self.path, self.path / FOLDER):
+                for left in folder.glob(".*.part"):
+                    left.unlink(missing_ok=True)
+            yield
 
     def write_failed(self, failed: Iterable[tuple[Target, str]]) -> None:
         """Store which targets have failed and why; if there are none, there is no file."""
@@ -97,7 +128,7 @@ class BatchFolder:
 
 def _source_part(source: str) -> str:
     """The first part of the names of all results of a source."""
-    return f"{safe_name(Path(source).stem)[:LONGEST_STEM]}-{digest(source)[:8]}"
+    return f"{safe_name(Path(source).stem, LONGEST_STEM)}-{digest(source)[:8]}"
 
 
 def _content(source: str) -> list[Any]:

@@ -95,7 +95,8 @@ def run_batch(
         What is finished and what has failed. Ctrl-C ends the run and is reported there, not raised.
 
     Raises:
-        ValueError: the manifest is not as expected, two targets have one id, or Ray is missing.
+        ValueError: the manifest is not as expected, two targets have one id, Ray is missing, or
+            another run is writing to the folder.
         OSError: a result cannot be written.
     """
     check_choice("engine", engine, tuple(ENGINES))
@@ -107,18 +108,20 @@ def run_batch(
         if target.id in ids:
             raise ValueError(f"the id {target.id!r} is there twice: every target needs its own")
         ids.add(target.id)
-    run = _BatchRun(targets, BatchFolder(out, config, seed), watch or BatchWatch())
+    folder = BatchFolder(out, config, seed)
+    run = _BatchRun(targets, folder, watch or BatchWatch())
     track = functools.partial(track_video, config=config, seed=seed)
-    try:
-        run.skip_finished()
-        if run.pending:
-            with ENGINES[engine](workers) as entered:
-                run.check(entered, retries)
-                run.track(entered, retries, track)
-        interrupted = False
-    except KeyboardInterrupt:
-        interrupted = True
-    run.write_tables()
+    with folder.locked():
+        try:
+            run.skip_finished()
+            if run.pending:
+                with ENGINES[engine](workers) as entered:
+                    run.check(entered, retries)
+                    run.track(entered, retries, track)
+            interrupted = False
+        except KeyboardInterrupt:
+            interrupted = True
+        run.write_tables()
     return run.batch(interrupted)
 
 
@@ -169,6 +172,8 @@ class _BatchRun:
         for result in self._results(engine, track, batches, retries, self._watch.advance):
             self._folder.write(result.video, result.value)
             self._finish(result.video)
+            name = self._folder.file_of(result.video)
+            self._folder.add_to_index(result.video.targets, name)
 
     def write_tables(self) -> None:
         """Write the index, and the list of what has failed."""

@@ -38,10 +38,12 @@ class TargetTrack(NamedTuple):
 
     boxes: [n, 4] float32, x, y, w, h in pixels.
     confidence: [n] float32 in [0, 1]; NaN without verification.
+    lost: [n] bool, whether the object is lost.
     """
 
     boxes: NDArray[np.float32]
     confidence: NDArray[np.float32]
+    lost: NDArray[np.bool_]
 
 
 def check_video(video: Video) -> CheckedVideo:
@@ -84,7 +86,7 @@ def track_video(
 ) -> list[TargetTrack]:
     """Track all targets of a video, which is decoded once: their tracks, in the same order.
 
-    Targets of one range are tracked together. Memory holds a few chunks of frames, and 20 bytes of
+    Targets of one range are tracked together. Memory holds a few chunks of frames, and 21 bytes of
     results for each frame of each target.
 
     on_frames: called with the number of frames tracked, summed over the targets, after each chunk.
@@ -117,9 +119,9 @@ def track_video(
         chunk = next(streams[n], None)
         if chunk is None:
             continue
-        boxes, confidence = map(np.asarray, (chunk.track.boxes, chunk.track.confidence))
+        rows = (chunk.track.boxes, chunk.track.confidence, chunk.track.lost)
         for slot, index in enumerate(members[n]):
-            parts[index].append(TargetTrack(boxes[slot], confidence[slot]))
+            parts[index].append(TargetTrack(*(np.asarray(of_all)[slot] for of_all in rows)))
         on_frames(len(members[n]) * len(chunk.frames))
         heapq.heappush(turns, (start + len(chunk.frames), n))
     return [TargetTrack(*map(np.concatenate, zip(*track, strict=True))) for track in parts]

@@ -26,7 +26,7 @@ def entries(folder: Path, name: str) -> list[Entry]:
 
 def _load(name: str, folder: Path) -> Sequence:
     annotation = folder / ANNOTATION
-    truth = read_boxes(annotation, zeros_unlabelled=True)
+    truth = read_boxes(annotation)
     absence = folder / ABSENCE
     if absence.is_file():
         absent = [

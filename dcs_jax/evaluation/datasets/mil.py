@@ -36,5 +36,5 @@ def _load(name: str, folder: Path, annotations: list[Path]) -> Sequence:
             raise ValueError(f"{image} does not exist, but {ranges[0].name} names it")
     names = sorted(path.name for path in images.glob("img*.png"))
     start, end = names.index(first.name), names.index(last.name) + 1
-    truth = read_boxes(annotation, zeros_unlabelled=True)
+    truth = read_boxes(annotation)
     return open_sequence(name, images, truth, annotation, start, end)

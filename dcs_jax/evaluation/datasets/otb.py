@@ -40,7 +40,7 @@ def _entry(name: str, folder: Path, annotation: Path) -> Entry:
 
 
 def _load(name: str, folder: Path, annotation: Path) -> Sequence:
-    truth = read_boxes(annotation, zeros_unlabelled=True)
+    truth = read_boxes(annotation)
     images = folder / "img" if (folder / "img").is_dir() else folder
     start, end = 0, None
     known = otb_frame_range(folder.name)

@@ -35,10 +35,8 @@ def _load(name: str, video: Path) -> Sequence:
         raise ValueError(f"{video} has no table of boxes: expected {table.name} in its folder")
     length = open_source(video).length
     header = [field.strip().lower() for field in read_lines(table)[0].split(",")]
-    if "frame" not in header:
-        truth = read_boxes(table, zeros_unlabelled=True)
-    else:
-        truth = _read_table(table, header, length or 0)
+    labelled = "frame" in header
+    truth = _read_table(table, header, length) if labelled else read_boxes(table)
     return open_sequence(name, video, truth, table)
 
 
