@@ -5,6 +5,7 @@ separated by commas, tabs or blanks, NaN where the frame is unlabelled.
 """
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -58,9 +59,9 @@ def parse_numbers(line: str, where: str, counts: Sequence[int], expected: str) -
 
 def _parse(line: str, where: str, zeros_unlabelled: bool) -> list[float]:
     box = parse_numbers(line, where, (4,), "four numbers x,y,w,h")
-    if np.isnan(box).any() or (zeros_unlabelled and not any(box)):
-        return [np.nan] * 4
-    if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
+    if any(map(math.isnan, box)) or (zeros_unlabelled and not any(box)):
+        return [math.nan] * 4
+    if not all(map(math.isfinite, box)) or box[2] <= 0 or box[3] <= 0:
         raise ValueError(
             f"{where} is {line.strip()!r}: expected finite numbers with w and h positive, "
             "or NaN for an unlabelled frame"
