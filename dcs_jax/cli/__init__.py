@@ -6,6 +6,7 @@ import typer
 
 import dcs_jax
 from dcs_jax.cli.batch import batch
+from dcs_jax.cli.convert import convert
 from dcs_jax.cli.demo import demo
 from dcs_jax.cli.environment import end_like_ctrl_c, print_any_name, silence_opencv
 from dcs_jax.cli.errors import OneLineErrors
@@ -24,6 +25,7 @@ app.command()(demo)
 app.command()(evaluate)
 app.command()(report)
 app.command()(batch)
+app.command()(convert)
 
 
 def _show_version(wanted: bool) -> None:

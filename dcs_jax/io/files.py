@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -32,6 +33,29 @@ def atomic(path: Path, text: bool = False) -> Iterator[IO[Any]]:
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
+        raise
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Make a folder that takes its name only when all is in it.
+
+    Raises ValueError if there is a file, or a folder that is not empty, of that name.
+    """
+    if path.is_dir() and any(path.iterdir()):
+        raise ValueError(f"{path} is there already and not empty: expected a new folder")
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path} is a file: expected a new folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(".part", ".", path.parent))
+    try:
+        yield temporary
+        temporary.chmod(0o755)  # a temporary folder is open to its owner only
+        if path.is_dir():
+            path.rmdir()
+        temporary.rename(path)
+    except BaseException:
+        shutil.rmtree(temporary)
         raise
 
 
