@@ -218,7 +218,7 @@ def test_bad_source(bad, source, box, message):
         (["--preset", "best"], "--preset"),
         (["--seed", "-1"], "--seed"),
         (["--overlay", "out.gif"], "out.gif must end in one of"),
-        (["--overlay", "no/folder/out.mp4"], "cannot be written"),
+        (["--overlay", "no/folder/out.mp4"], "out.mp4: No such file or directory"),
         (["--out", "no/folder/boxes.csv"], "No such file or directory"),
         (["--frames", "3"], "No such option"),
     ],

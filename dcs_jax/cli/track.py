@@ -74,7 +74,7 @@ def track(
         typer.Option(
             metavar="NAME",
             help=f"Format of the results: {', '.join(formats.NAMES)}.",
-            show_default="that of the suffix of --out",
+            show_default="that of the suffix of --out, or csv",
         ),
     ] = None,
     overlay: Annotated[
@@ -186,7 +186,8 @@ def _out(out: Path | None, format: str | None) -> tuple[Path, str]:
     if out is None:
         format = format or TABLE
         out = Path(OUT).with_suffix(formats.FORMATS[format].suffix)
-    return out, format or (formats.format_of(out) if out.suffix else TABLE)
+    of_suffix = {known.suffix: name for name, known in formats.FORMATS.items() if known.suffix}
+    return out, format or of_suffix.get(out.suffix.lower(), TABLE)
 
 
 def _check_paths(source: str, *outputs: Path | None) -> None:
@@ -266,7 +267,8 @@ def _report_accuracy(boxes: NDArray[np.float32], truth: NDArray[np.float64]) -> 
     if labelled:
         error, success = mean_centre_error(boxes, truth), success_rate(boxes, truth)
         typer.echo(
-            f"centre error {error:.1f} px, success rate {success:.2f} ({labelled} labelled frames)"
+            f"centre error {error:.1f} px, success rate {success:.2f} ({labelled} labelled "
+            f"frame{'s' * (labelled != 1)})"
         )
 
 

@@ -21,6 +21,7 @@ from dcs_jax.io.source import FOLDER_FPS, BrokenSource, FrameSource, Image
 from dcs_jax.io.video import (
     decoded_frames,
     frame_rate,
+    lacking_note,
     open_container,
     shown_frames,
     to_rgb,
@@ -186,23 +187,20 @@ class EncodedSource(StreamSource):
         self._look()
 
     def _arrive(self) -> Iterator[Convert]:
-        failed = 0
+        lacking = 0
 
-        def skipped(error: Exception) -> None:
-            nonlocal failed
-            failed += 1
+        def failed() -> None:
+            nonlocal lacking
+            lacking += 1
 
+        decoded = decoded_frames(self._container, self._stream, failed)
         try:
-            for frame in shown_frames(
-                decoded_frames(self._container, self._stream, skipped), self._stream
-            ):
+            for frame in shown_frames(decoded, self._stream):
                 yield functools.partial(to_rgb, frame)
         except av.error.ExitError:
             raise TimeoutError(f"no data for {self._patience:g} s") from None
-        if failed:
-            self.notes.append(
-                f"{failed} packets of {self.name} could not be decoded: their frames are left out"
-            )
+        if lacking:
+            self.notes.append(lacking_note(self.name, lacking))
 
 
 class CameraSource(StreamSource):

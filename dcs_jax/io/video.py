@@ -75,18 +75,19 @@ class VideoFile(StoredSource):
 
     def _frames(self, note: Callable[[str], None]) -> Iterator[tuple[Callable[[], Image], float]]:
         """Every frame, converted when called, and its time in seconds."""
-        failed = 0
+        lacking = 0
+
+        def failed() -> None:
+            nonlocal lacking
+            lacking += 1
+
         with open_container(str(self.path), f"file:{os.path.abspath(self.path)}") as container:
             stream = video_stream(self.path, container)
-
-            def skipped(error: Exception) -> None:
-                nonlocal failed
-                failed += 1
-
-            for frame in shown_frames(decoded_frames(container, stream, skipped), stream):
+            decoded = decoded_frames(container, stream, failed, self._whole)
+            for frame in shown_frames(decoded, stream):
                 yield functools.partial(to_rgb, frame), frame.time or 0.0
-        if failed:
-            note(f"{failed} packets of {self.path} could not be decoded: their frames are left out")
+        if lacking:
+            note(lacking_note(self.name, lacking))
 
     def _check_end(self, index: int, time: float) -> None:
         """Raise if the video is broken at frame `index`, where it stops, and not at its end."""
@@ -105,6 +106,11 @@ class VideoFile(StoredSource):
                 f"expected {max(expected, index + 1)} frames",
                 index,
             )
+
+
+def lacking_note(name: str, count: int) -> str:
+    """What is said of frames that could not be decoded."""
+    return f"{name}: {count} frame{'s' * (count != 1)} could not be decoded, and left out"
 
 
 def open_container(name: str, address: str, **options: Any) -> InputContainer:
@@ -150,28 +156,52 @@ def frame_rate(stream: VideoStream) -> float:
 
 
 def decoded_frames(
-    container: InputContainer, stream: VideoStream, skipped: Callable[[Exception], None]
+    container: InputContainer,
+    stream: VideoStream,
+    failed: Callable[[], None],
+    whole: bool = True,
 ) -> Iterator[VideoFrame]:
-    """The frames that are meant to be shown.
+    """The frames that are meant to be shown, and were decoded without an error.
 
-    A packet that cannot be decoded is left out, and `skipped` called with the error. The caller
-    finds by the number and the times of the frames whether something lacks at the end.
+    The others are left out, and `failed` is called for each. The caller finds by the number and the
+    times of the frames whether something lacks at the end.
+
+    whole: whether the last packet is; where the file breaks off, it is taken for half a frame.
     """
+    packets = stored_packets(container, stream, failed)
+    packet = next(packets, None)
+    end = math.inf  # frames that are shown later refer to what lacks
+    while packet is not None:
+        following = next(packets, None)
+        if not whole and packet.size and (following is None or not following.size):
+            end = math.inf if packet.pts is None else packet.pts
+        else:
+            try:
+                for frame in packet.decode():
+                    # FFmpeg makes up what it could not decode.
+                    if not isinstance(frame, VideoFrame) or frame.is_corrupt:
+                        failed()
+                    elif frame.pts is None or frame.pts < end:
+                        yield frame
+            except av.error.InvalidDataError:
+                failed()
+        packet = following
+
+
+def stored_packets(
+    container: InputContainer, stream: VideoStream, failed: Callable[[], None] = lambda: None
+) -> "Iterator[av.Packet[Any]]":
+    """The packets of a stream, and an empty one at the end; `failed` is called for damaged ones."""
     packets = container.demux(stream)
     while True:
         try:
             packet = next(packets, None)
-        except av.error.InvalidDataError as error:  # the file breaks off within a packet
-            skipped(error)
+        except av.error.InvalidDataError:
+            failed()
             continue
         if packet is None:
             return
-        try:
-            frames = packet.decode()
-        except av.error.InvalidDataError as error:
-            skipped(error)
-            continue
-        yield from (frame for frame in frames if isinstance(frame, VideoFrame))
+        yield packet
 
 
 def shown_frames(frames: Iterator[VideoFrame], stream: VideoStream) -> Iterator[VideoFrame]:
@@ -271,7 +301,7 @@ def _count(container: InputContainer, stream: VideoStream) -> _Counted:
         end = max(entry.pos + entry.size for entry in entries)
         return _Counted(len(shown), end <= container.size, max(shown, default=0) * unit)
     frames, last = 0, -math.inf
-    for packet in _packets(container, stream):
+    for packet in stored_packets(container, stream):
         if packet.size and not packet.is_discard:
             frames += 1
             time = packet.pts if packet.pts is not None else packet.dts
@@ -300,18 +330,6 @@ def _duration(container: InputContainer, stream: VideoStream) -> float:
         return 3600 * hours + 60 * minutes + seconds
     # The sound may be longer than the pictures.
     return (container.duration or 0) / av.time_base if len(container.streams) == 1 else 0.0
-
-
-def _packets(container: InputContainer, stream: VideoStream) -> "Iterator[av.Packet[Any]]":
-    packets = container.demux(stream)
-    while True:
-        try:
-            packet = next(packets, None)
-        except av.error.FFmpegError:
-            return
-        if packet is None:
-            return
-        yield packet
 
 
 def _size(shape: tuple[int, ...]) -> str:
