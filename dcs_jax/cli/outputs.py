@@ -1,6 +1,5 @@
 """What `dcs-jax track` writes: a table that grows, a file of another format, a video."""
 
-from collections import deque
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -12,6 +11,7 @@ from dcs_jax import formats
 from dcs_jax.io.annotations import BoxWriter
 from dcs_jax.io.files import lock
 from dcs_jax.io.frames import FrameSource
+from dcs_jax.io.live import StreamSource
 from dcs_jax.io.overlay import VideoWriter, draw_tracks
 from dcs_jax.runners.stream import Chunk
 
@@ -82,12 +82,11 @@ class Outputs:
         """Write the rows and the pictures of the next frames."""
         track = chunk.track
         count = len(chunk.frames)
-        # A camera drops frames: they are numbered as they came.
-        positions: deque[int] | None = getattr(self._frames, "positions", None)
-        if positions is None:
-            indices = list(range(self._next, self._next + count))
+        if isinstance(self._frames, StreamSource):
+            # A camera drops frames: they are numbered as they came.
+            indices = [self._frames.positions.popleft() for _ in range(count)]
         else:
-            indices = [positions.popleft() for _ in range(count)]
+            indices = list(range(self._next, self._next + count))
         self._next += count
         rows = (track.boxes, track.confidence, track.lost)
         if self._table is not None:

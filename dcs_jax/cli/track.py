@@ -1,5 +1,6 @@
 """`dcs-jax track`: track objects through a video, a folder of images or a stream."""
 
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -30,9 +31,11 @@ from dcs_jax.config import Config
 from dcs_jax.evaluation.metrics import mean_centre_error, success_rate
 from dcs_jax.evaluation.settings import with_changes
 from dcs_jax.io.annotations import ANNOTATION_NAME
-from dcs_jax.io.frames import BrokenSource, FrameSource, open_frames, open_source
+from dcs_jax.io.frames import BrokenSource, FrameSource, Image, open_frames, open_source
+from dcs_jax.io.live import StreamSource
 from dcs_jax.runners.stream import Stream
 from dcs_jax.saving import Saved, load, save
+from dcs_jax.types import State
 
 Preset = Literal["default", "paper"]
 OUT = "boxes"  # name of the results without a suffix, where none is given
@@ -156,7 +159,14 @@ def track(
     for target in given:
         check_box(target.box, frames.shape)
     cache()
-    tracker = _stream(frames, given, config, seed, saved)
+    # What drops frames that come too fast is followed frame by frame.
+    live = isinstance(frames, StreamSource) and frames.live
+    states = list(saved.states.values()) if saved else []
+    make = functools.partial(_stream, frames.start, given, states, config, seed, live)
+    if live:  # what it shows while programs are compiled is not tracked
+        for _ in make(np.zeros((2, *frames.shape), np.uint8)):
+            pass
+    tracker = make(frames)
     truth = labels.truth if len(names) == 1 else None
     with Outputs(frames, names, out, format, overlay, truth) as outputs:
         _run(tracker, frames, outputs, names, config, save_to)
@@ -167,8 +177,8 @@ def track(
         typer.echo(f"to go on: --resume {save_to}")
     for note in frames.notes:
         warn(note)
-    if dropped := getattr(frames, "dropped", 0):
-        warn(f"{dropped} frames came too fast and were dropped")
+    if isinstance(frames, StreamSource) and frames.dropped:
+        warn(f"{frames.dropped} frames came too fast and were dropped")
     if truth is not None:
         _report_accuracy(outputs.boxes[0], truth[frames.start : frames.start + outputs.count])
 
@@ -203,29 +213,30 @@ def _check_paths(source: str, *outputs: Path | None) -> None:
 
 
 def _stream(
-    frames: FrameSource, given: Iterable[Target], config: Config, seed: int, saved: Saved | None
+    start: int,
+    given: list[Target],
+    states: list[State],
+    config: Config,
+    seed: int,
+    live: bool,
+    frames: Iterable[Image],
 ) -> Stream:
-    """The stream with all objects, also those that start in a later frame."""
-    given = list(given)
-    now = [target for target in given if target.frame == frames.start]
-    later = [target for target in given if target.frame > frames.start]
-    states = list(saved.states.values()) if saved else []
-    initial = [target.box for target in now] or np.empty((0, 4))
-    # A stream that drops what comes too fast is followed frame by frame.
-    chunk = 1 if getattr(frames, "live", False) else None
-    size = len(states) + len(given)
-    key = jax.random.key(seed)
+    """The stream from frame `start` on with all objects, also those that start in a later one."""
+    now = [target for target in given if target.frame == start]
+    # By default the states' own features.
+    key = jax.random.key(seed) if now else None
     stream = dcs_jax.track_stream(
         frames,
-        initial,
-        None if states and not now else key,
+        [target.box for target in now] or np.empty((0, 4)),
+        key,
         config,
-        slots=size,
-        chunk=chunk,
+        slots=len(states) + len(given),
+        chunk=1 if live else None,
         states=states,
     )
-    for target in later:
-        stream.add(target.box, frame=target.frame - frames.start)
+    for target in given:
+        if target.frame > start:
+            stream.add(target.box, frame=target.frame - start)
     return stream
 
 
@@ -238,7 +249,7 @@ def _run(
     save_to: Path | None,
 ) -> None:
     """Track all frames and write every chunk as it is done."""
-    states: dict[str, dcs_jax.State] = {}
+    states: dict[str, State] = {}
     with bar(MofNCompleteColumn(), _Rate()) as progress:
         task = progress.add_task("tracking", total=frames.length)
         try:

@@ -1,6 +1,7 @@
 """Frames that come by themselves: cameras, network streams, pipes. They are read once."""
 
 import functools
+import itertools
 import os
 import re
 import stat
@@ -14,7 +15,6 @@ from typing import Any
 import av
 import cv2
 import numpy as np
-from av.container import InputContainer
 from numpy.typing import NDArray
 
 from dcs_jax.io.source import FOLDER_FPS, BrokenSource, FrameSource, Image
@@ -67,11 +67,11 @@ def open_stream(
 class StreamSource(FrameSource):
     """A stream: it has no length, and is read once. See `open_stream`.
 
-    live: whether frames are lost where nobody takes them. They then are dropped, all but the last
-        one, so that no delay builds up.
-    dropped: number of frames dropped so far.
-    positions: for each frame taken, its number among all that came, counted from 0; who reads
-        them, takes them from the left.
+    live: whether frames are lost where nobody takes them. They then are dropped from the opening
+        on, all but the last one, so that no delay builds up.
+    dropped: number of frames dropped since the first was taken.
+    positions: for each frame taken, its number among all that came from the first of them on,
+        counted from 0; who reads them, takes them from the left.
     """
 
     live: bool
@@ -86,12 +86,14 @@ class StreamSource(FrameSource):
 
     def _look(self) -> None:
         """Wait for the first frame, which says the shape."""
-        self._arriving = self._arrive()
-        self._first = next(self._arriving, None)
-        if self._first is None:
+        arriving = self._arrive()
+        first = next(arriving, None)
+        if first is None:
             raise ValueError(f"{self.name} gives no frame: expected a camera or a video stream")
-        rows, columns, _ = self._first().shape
+        rows, columns, _ = first().shape
         self.shape = (rows, columns, 3)
+        numbered = enumerate(itertools.chain([first], arriving))
+        self._arriving = _newest(numbered, self._patience) if self.live else numbered
 
     @abstractmethod
     def _arrive(self) -> Iterator[Convert]:
@@ -101,66 +103,69 @@ class StreamSource(FrameSource):
         if self._begun:
             raise ValueError(f"{self.name} can be read once only: it is no file")
         self._begun = True
-        arriving = self._newest() if self.live else enumerate(self._all())
+        first = position = None
         taken = 0
         while self._most is None or taken < self._most:
             try:
-                position, convert = next(arriving)
+                position, convert = next(self._arriving)
             except StopIteration:
                 return
             except (ValueError, OSError) as error:
-                raise BrokenSource(
-                    f"{self.name} breaks off after frame {taken - 1}: {error}", taken
-                ) from error
+                so_far = f"after {taken} frame{'s' * (taken != 1)}"
+                raise BrokenSource(f"{self.name} breaks off {so_far}: {error}", taken) from error
             image = convert()
             if image.shape != self.shape:
                 raise BrokenSource(
-                    f"{self.name}: frame {position} has the shape {image.shape}, but the first has "
+                    f"{self.name}: frame {taken} has the shape {image.shape}, but the first has "
                     f"{self.shape}",
                     taken,
                 )
-            self.positions.append(position)
-            yield image
+            first = position if first is None else first
+            self.positions.append(position - first)
             taken += 1
+            self.dropped = position - first + 1 - taken
+            yield image
 
-    def _all(self) -> Iterator[Convert]:
-        assert self._first is not None
-        yield self._first
-        yield from self._arriving
 
-    def _newest(self) -> Iterator[tuple[int, Convert]]:
-        """The newest frame whenever one is taken; a thread lets go of the others."""
-        arrived = threading.Condition()
-        newest: deque[tuple[int, Convert]] = deque(maxlen=1)
-        ended: list[Exception | None] = []
+def _newest(
+    numbered: Iterator[tuple[int, Convert]], patience: float
+) -> Iterator[tuple[int, Convert]]:
+    """The newest frame whenever one is taken; a thread lets go of the others from now on.
 
-        def watch() -> None:
-            error = None
-            try:
-                for numbered in enumerate(self._all()):
-                    with arrived:
-                        self.dropped += len(newest)
-                        newest.append(numbered)
-                        arrived.notify()
-            except Exception as raised:
-                error = raised
-            with arrived:
-                ended.append(error)
-                arrived.notify()
+    TimeoutError where none comes for so many seconds.
+    """
+    arrived = threading.Condition()
+    newest: deque[tuple[int, Convert]] = deque(maxlen=1)
+    ended: list[Exception | None] = []
 
-        # A camera may never answer: the thread does not keep the process from ending.
-        threading.Thread(target=watch, name="dcs_jax.live", daemon=True).start()
+    def watch() -> None:
+        error = None
+        try:
+            for frame in numbered:
+                with arrived:
+                    newest.append(frame)
+                    arrived.notify()
+        except Exception as raised:
+            error = raised
+        with arrived:
+            ended.append(error)
+            arrived.notify()
+
+    def take() -> Iterator[tuple[int, Convert]]:
         while True:
             with arrived:
-                there = arrived.wait_for(lambda: newest or ended, self._patience)
-                if not there:
-                    raise TimeoutError(f"no frame for {self._patience:g} s")
+                if not arrived.wait_for(lambda: newest or ended, patience):
+                    raise TimeoutError(f"no frame for {patience:g} s")
                 if not newest:
                     if ended[0] is not None:
                         raise ended[0]
                     return
-                numbered = newest.popleft()
-            yield numbered
+                frame = newest.popleft()
+            yield frame
+
+    # A camera may never answer: the thread does not keep the process from ending.
+    threading.Thread(target=watch, name="dcs_jax.live", daemon=True).start()
+    return take()
 
 
 class EncodedSource(StreamSource):
@@ -179,7 +184,8 @@ class EncodedSource(StreamSource):
             address = sys.stdin.buffer if source == "-" else open(source, "rb")  # noqa: SIM115
         if self.live:
             options["options"] = _AT_ONCE
-        self._container: InputContainer = open_container(self.name, address, **options)
+        expected = "an encoded video, or --raw" if not protocol else "the address of a video stream"
+        self._container = open_container(self.name, address, expected, **options)
         self._stream = video_stream(self.name, self._container)
         if self.live:
             self._stream.thread_type = "SLICE"  # threads for whole frames give each one late

@@ -113,8 +113,13 @@ def lacking_note(name: str, count: int) -> str:
     return f"{name}: {count} frame{'s' * (count != 1)} could not be decoded, and left out"
 
 
-def open_container(name: str, address: str, **options: Any) -> InputContainer:
-    """Open what FFmpeg can read; ValueError where it cannot. name: for the message."""
+EXPECTED = "a video file or a folder of images"
+
+
+def open_container(
+    name: str, address: Any, expected: str = EXPECTED, **options: Any
+) -> InputContainer:
+    """Open what FFmpeg can read; ValueError where it cannot. name, expected: for the message."""
     try:
         # Titles and comments may be in any encoding.
         return av.open(address, metadata_errors="replace", **options)
@@ -123,8 +128,7 @@ def open_container(name: str, address: str, **options: Any) -> InputContainer:
         if isinstance(error, av.error.InvalidDataError):
             reason = "no video, or one that is cut off"
         raise ValueError(
-            f"{name} cannot be read as a video ({reason}): expected a video file or a folder of "
-            "images"
+            f"{name} cannot be read as a video ({reason}): expected {expected}"
         ) from None
 
 
@@ -142,8 +146,7 @@ def video_stream(path: Path | str, container: InputContainer) -> VideoStream:
     if not moving:
         container.close()
         raise ValueError(
-            f"{path} cannot be read as a video: it holds no moving pictures, expected a video file "
-            "or a folder of images"
+            f"{path} cannot be read as a video: it holds no moving pictures, expected {EXPECTED}"
         )
     moving[0].thread_type = "AUTO"
     return moving[0]
