@@ -34,7 +34,7 @@ one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL, mesh=mesh)
 keys = jax.vmap(jax.random.key)(jnp.arange(len(BOXES)))
 videos = np.stack([clip_frames()] * len(BOXES))
 many = dcs_jax.track_batch(videos, BOXES, keys, SMALL, mesh=mesh)
-programs = [program.as_text() for program in sharding._programs.values()]
+programs = [program.as_text() for program in sharding.programs().values()]
 names = "all-reduce|all-gather|all-to-all|collective|reduce-scatter"
 collectives = re.findall(names, "".join(programs))
 np.savez(out, one=one.boxes, many=many.boxes, scores=one.noisy_or,

@@ -1,17 +1,32 @@
 """Tracks through frames as they come, in memory that does not grow with their number."""
 
+import math
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
+from dcs_jax.checks import (
+    check_box,
+    check_boxes,
+    check_count,
+    check_frame,
+    check_key,
+    check_keys,
+    shown,
+)
 from dcs_jax.config import Config, resolve_all
 from dcs_jax.io.frames import Image, ahead, chunks
 from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
+
+
+# Bytes. A chunk has its memory before its frames come.
+LARGEST_CHUNK = 2**30
+# So many states have some 3 GB.
+MOST_SLOTS = 10_000
 
 
 class Chunk(NamedTuple):
@@ -83,8 +98,13 @@ class Stream(Iterator[Chunk]):
         box: [4], x, y, w, h in pixels in that frame.
         key: of its features, if each track has its own; None if all share one pool.
 
-        Returns its slot, the first one that is free; ValueError where none is.
+        Returns its slot, the first one that is free. Raises ValueError where none is, where an
+        argument is not as stated, and after the end of the stream.
         """
+        if self._chunks.gi_frame is None:
+            raise ValueError(
+                "the stream has ended: a track that is added now would never be followed"
+            )
         check_box(box, self._last.shape)
         box = np.asarray(box, np.float32)
         if self._slots.shared and key is not None:
@@ -111,6 +131,7 @@ class Stream(Iterator[Chunk]):
 
     def drop(self, slot: int) -> None:
         """End the track of a slot, which is free then; ValueError where there is none."""
+        slot = check_count("slot", slot, least=0)
         if not (0 <= slot < self._slots.size and self.active[slot]):
             raise ValueError(
                 f"slot {slot} has no track: those that have one are "
@@ -172,24 +193,36 @@ def track_stream(
     keys: one for all, by default `jax.random.key(0)`, or [B], one each. With one for all, so are
         the features of tracks that are added later; else they bring a key.
     config: settings, as for `track_batch`; its numbers may be arrays [S].
-    slots: S, how many tracks there can be at a time, at least B; by default B. Tracks that come and
-        go compile nothing, and an empty slot takes no time.
-    chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB.
+    slots: S, how many tracks there can be at a time, at least B, at most 10 000; by default B.
+        Tracks that come and go compile nothing, and an empty slot takes no time.
+    chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB. At most 1 GiB
+        of frames.
 
     Raises ValueError, before any compilation, where an argument is not as stated; while the stream
     runs, where a frame is not.
     """
-    source = iter(frames)
-    first = next(source, None)
-    if first is None:
+    try:
+        source = iter(frames)
+    except TypeError:
+        raise ValueError(
+            f"frames must be an iterable of images, but is {shown(frames)}"
+        ) from None
+    nothing: Any = object()
+    first = next(source, nothing)
+    if first is nothing:
         raise ValueError("frames is empty: expected at least one frame")
     check_frame(first)
     boxes = check_boxes(boxes, first.shape)
     keys = check_keys(keys, len(boxes))
-    for name, count in (("slots", slots), ("chunk", chunk)):
-        if count is not None:
-            check_count(name, count)
-    size = len(boxes) if slots is None else slots
+    size = len(boxes) if slots is None else check_count("slots", slots, most=MOST_SLOTS)
+    if chunk is not None:
+        chunk = check_count("chunk", chunk)
+        most = max(1, LARGEST_CHUNK // math.prod(first.shape))
+        if chunk > most:
+            raise ValueError(
+                f"chunk must be at most {most} frames of the shape {first.shape}, which are "
+                f"{LARGEST_CHUNK // 2**20} MiB, but is {chunk}"
+            )
     if size < len(boxes):
         raise ValueError(f"slots is {size}, but there are {len(boxes)} boxes")
     if keys.ndim:

@@ -74,7 +74,7 @@ def eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     """
     scaled = problem.votes * jnp.sqrt(problem.weights)[:, None]
     if problem.counts.ndim == 1:
-        gram = (scaled * problem.counts) @ scaled.T
+        gram = (scaled * problem.counts[None]) @ scaled.T
     else:
         products = scaled[:, None] * scaled[None]  # [L, L, M]
         gram = jnp.moveaxis(products @ problem.counts, -1, 0)
