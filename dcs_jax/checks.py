@@ -36,12 +36,9 @@ def shown(value: Any) -> str:
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
-def check_frames(frames: Any, least: int = 1) -> None:
-    """ValueError unless frames is a uint8 array, [T, H, W] or [T, H, W, 3], with no empty side.
-
-    least: frames that there must be, 0 or 1.
-    """
-    _check_images("frames", frames, "[T, H, W] grey or [T, H, W, 3] RGB", rank=3, least=least)
+def check_frames(frames: Any) -> None:
+    """ValueError unless frames is a uint8 array, [T, H, W] or [T, H, W, 3], with no empty side."""
+    _check_images("frames", frames, "[T, H, W] grey or [T, H, W, 3] RGB", rank=3)
 
 
 def check_videos(frames: Any) -> bool:
@@ -181,7 +178,9 @@ def check_choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
         # A choice of another type may be equal, and an array is compared number by number.
         if isinstance(value, type(choice)) and not isinstance(value, bool) and value == choice:
             return choice
-    raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, but is {shown(value)}")
+    raise ValueError(
+        f"{name} must be one of {', '.join(map(repr, choices))}, but is {shown(value)}"
+    )
 
 
 def check_count(name: str, value: Any, least: int = 1, most: int = INT32) -> int:
@@ -207,10 +206,9 @@ def as_numbers(
     """
     try:
         array = values if isinstance(values, jax.Array) else np.asarray(values)
-        kind = array.dtype.kind
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, but is {shown(values)}") from None
-    if kind not in "bfiuV" or (kind == "V" and not jnp.issubdtype(array.dtype, jnp.floating)):
+    if not (_is_real(array.dtype) or array.dtype == bool):
         raise ValueError(f"{name} must be real numbers, but is {array.dtype}")
     if array.shape[array.ndim - len(shape) :] != shape or array.ndim < len(shape):
         expected = ", ".join(map(str, ("...", *shape)))
@@ -230,7 +228,7 @@ def as_numbers(
     return jnp.asarray(array, dtype)
 
 
-def _check_images(name: str, images: Any, expected: str, rank: int, least: int = 1) -> None:
+def _check_images(name: str, images: Any, expected: str, rank: int) -> None:
     if not isinstance(images, (np.ndarray, jax.Array)):
         raise ValueError(
             f"{name} must be a NumPy or JAX array {expected}, but is a {type(images).__name__}"
@@ -243,7 +241,7 @@ def _check_images(name: str, images: Any, expected: str, rank: int, least: int =
         )
     if images.dtype != np.uint8:
         raise ValueError(f"{name} must be uint8 (grey values 0 to 255), but is {images.dtype}")
-    if 0 in images.shape[1:] or len(images) < least:
+    if 0 in images.shape:
         raise ValueError(f"{name} must not be empty, but has the shape {images.shape}")
 
 

@@ -69,6 +69,7 @@ def _check_parts(name: str, value: Any) -> int:
     check_choice(name, count, (1, 5, 9))
     return count
 
+
 @pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TranslationFilter:
@@ -404,12 +405,12 @@ def resolve_all(config: Config, boxes: np.ndarray) -> Config:
     """
     check_config(config)
     one, *others = (config.resolve(box) for box in boxes)
-    for number, other in enumerate(others, 1):
+    for position, other in enumerate(others, 1):
         if (other.canvas, other.window_factor) != (one.canvas, one.window_factor):
-            sizes = [f"{box[2]:g} x {box[3]:g}" for box in (boxes[0], boxes[number])]
+            sizes = [f"{box[2]:g} x {box[3]:g}" for box in (boxes[0], boxes[position])]
             raise ValueError(
                 f"canvas={config.canvas!r} with window_minimum={config.window_minimum} takes its "
-                f"shape from the box, but boxes[0] has {sizes[0]} pixels and boxes[{number}] "
+                f"shape from the box, but boxes[0] has {sizes[0]} pixels and boxes[{position}] "
                 f"{sizes[1]}: expected boxes of one size, or a canvas of a number of cells"
             )
     return one

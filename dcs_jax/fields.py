@@ -40,6 +40,7 @@ def _check_numbers(
     """
     kinds = "integers" if whole else "numbers"
     one = "an integer" if whole else "a number"
+    wrong: Any
     if isinstance(value, (np.ndarray, np.generic, jax.Array, jax.ShapeDtypeStruct)):
         types = (jnp.integer,) if whole else (jnp.integer, jnp.floating)
         if not any(jnp.issubdtype(value.dtype, kind) for kind in types):
@@ -52,9 +53,9 @@ def _check_numbers(
             isinstance(value, jax.Array) and not value.is_fully_addressable
         ):
             return value
-        numbers = np.asarray(value).reshape(-1)
+        numbers = np.asarray(value).astype(np.float64).reshape(-1)
         wrong = numbers[~((numbers >= least) & (numbers < limit))]
-    elif isinstance(value, (int, *(() if whole else (float,)))) and not isinstance(value, bool):
+    elif isinstance(value, int if whole else (int, float)) and not isinstance(value, bool):
         # A Python integer may have any number of digits, and then no type of NumPy's.
         wrong = [] if least <= value < limit else [value]
     else:
@@ -62,7 +63,7 @@ def _check_numbers(
     if len(wrong):
         if limit <= wrong[0] < math.inf and limit > _LARGEST_NUMBER:
             expected = f"at most {INT32 if whole else '1e9'}"
-        given = shown(value) if np.ndim(value) == 0 else f"in part {shown(wrong[0])}"
+        given = shown(value) if np.ndim(value) == 0 else f"in part {wrong[0]:g}"
         raise ValueError(f"{name} must be {expected}, but is {given}")
     return value
 
@@ -91,11 +92,9 @@ def count(default: int) -> Any:
     return static(default, check_count)
 
 
-def number(
-    default: float, expected: str, least: float, limit: float, whole: bool = False
-) -> Any:
+def number(default: float, expected: str, least: float, limit: float, whole: bool = False) -> Any:
     """A field that is a leaf of the pytree, in [least, limit): it can be swept and vmapped."""
-    limits = {"expected": expected, "least": least, "limit": limit, "whole": whole}
+    limits: dict[str, Any] = {"expected": expected, "least": least, "limit": limit, "whole": whole}
     check = functools.partial(_check_numbers, **limits)
     metadata = {"check": check, "dtype": np.int32 if whole else np.float32}
     return dataclasses.field(default=default, metadata=metadata)

@@ -24,7 +24,8 @@ from settings import SMALL, SMALL_DEFAULT
 
 clip = render(5, (60, 80), (24, 20))
 key = jax.random.key(1)
-for changes in ({}, {"weak": "gaussian"}, {"selector": "mil"}, {"selector": "error"}, {"tie": "error"}):
+rules = {"weak": "gaussian"}, {"selector": "mil"}, {"selector": "error"}, {"tie": "error"}
+for changes in rules:
     for base in (SMALL, SMALL_DEFAULT):
         config = dataclasses.replace(base, **changes)
         state = jax.eval_shape(dcs_jax.init, clip.frames[0], clip.boxes[0], key, config)

@@ -64,7 +64,9 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     widths = jnp.cumsum(fitting, axis=-1)
     shape = (config.pool_size, config.parts, config.selectors)
     # Vmapped, so that the generator is compiled once.
-    uniforms = jax.vmap(lambda key: jax.random.uniform(key, shape, jnp.float32))(jax.random.split(key, 4))
+    uniforms = jax.vmap(lambda key: jax.random.uniform(key, shape, jnp.float32))(
+        jax.random.split(key, 4)
+    )
     for_height, for_width, for_row, for_column = uniforms
     drawn = jax.vmap(_draw, (0, 1), 1)(types_and_heights, for_height)
     kind, block_height = jnp.divmod(drawn.reshape(-1), fitting.shape[2])  # [F]
@@ -96,9 +98,7 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     )
 
 
-def _fitting(
-    rectangles: np.ndarray, block: Scalar
-) -> Float[Array, "K 5 heights widths"]:
+def _fitting(rectangles: np.ndarray, block: Scalar) -> Float[Array, "K 5 heights widths"]:
     """Probability of each type with each base block in each part, up to a factor for each part.
 
     The probability of the block times the number of positions where the feature fits; blocks of 1,

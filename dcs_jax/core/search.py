@@ -237,9 +237,9 @@ def _stable_order(keys: Int32[Array, "K N"]) -> Int32[Array, "K N"]:
     number = jnp.arange(keys.shape[1], dtype=jnp.int32)
     keys = keys * len(number) + number[None]
     place = (keys[:, :, None] > keys[:, None]).sum(2, dtype=jnp.int32)
-    return jnp.where(
-        place[:, :, None] == number[None, None], number[None, :, None], 0
-    ).sum(1, dtype=jnp.int32)
+    return jnp.where(place[:, :, None] == number[None, None], number[None, :, None], 0).sum(
+        1, dtype=jnp.int32
+    )
 
 
 def _sum_votes(
@@ -276,9 +276,7 @@ def _sum_votes(
     return total
 
 
-def _smooth(
-    maps: Float[Array, "*maps C_y C_x"], sigma: Scalar
-) -> Float[Array, "*maps C_y C_x"]:
+def _smooth(maps: Float[Array, "*maps C_y C_x"], sigma: Scalar) -> Float[Array, "*maps C_y C_x"]:
     """3x3 Gaussian of standard deviation sigma cells over the last two axes, edges repeated."""
     side = jnp.exp(-0.5 / jnp.square(jnp.asarray(sigma, jnp.float32)))  # 0 where sigma is
     for axis in (-2, -1):

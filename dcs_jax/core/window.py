@@ -130,10 +130,9 @@ def _of_block(
     """The integral image of a window, from a block of so many rows and columns of pixels."""
     x, y, w, h = box
     height, width = frame.shape[:2]
-    line_y = y + h / grid.rows * (jnp.arange(grid.window[0] + 1, dtype=jnp.float32) - grid.margin_rows)
-    line_x = x + w / grid.columns * (
-        jnp.arange(grid.window[1] + 1, dtype=jnp.float32) - grid.margin_columns
-    )
+    row, column = (jnp.arange(side + 1, dtype=jnp.float32) for side in grid.window)
+    line_y = y + h / grid.rows * (row - grid.margin_rows)
+    line_x = x + w / grid.columns * (column - grid.margin_columns)
     stride = _stride(shape, frame.shape, box, grid)
     top = _first_pixel(line_y[0], shape[0] * stride, height)
     left = _first_pixel(line_x[0], shape[1] * stride, width)

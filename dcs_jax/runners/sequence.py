@@ -51,6 +51,8 @@ def track_sequence(
 
 def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
     state, first = init_track(frames[0], box, key, config)
+    if len(frames) == 1:
+        return Track(*(leaf[None] for leaf in first))
     _, rest = track_chunk(state, frames[1:], config)
     infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
     return Track(*infos)
@@ -67,13 +69,14 @@ def init_track(
 def track_chunk(state: State, frames: ImageLike, config: Config) -> tuple[State, StepInfo]:
     """Track on through the next frames of a video: `step` in one `lax.scan`.
 
-    frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
-    over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.
+    frames: [T, H, W] or [T, H, W, 3], uint8, at least one. Returns the state after them, and the
+    infos stacked over T. Chunks of any lengths give the same boxes as the whole; each length is
+    compiled once.
 
     Raises ValueError, before any compilation, where types, shapes or the components of state and
     config are not as stated.
     """
-    check_frames(frames, least=0)
+    check_frames(frames)
     config = single_precision(config)
     check_state(state, config)
     return _track_chunk(state, frames, config)

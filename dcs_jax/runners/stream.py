@@ -1,5 +1,6 @@
 """Tracks through frames as they come, in memory that does not grow with their number."""
 
+import inspect
 import math
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -21,7 +22,6 @@ from dcs_jax.config import Config, resolve_all
 from dcs_jax.io.frames import Image, ahead, chunks
 from dcs_jax.runners.slots import Records, Slots
 from dcs_jax.types import BoxLike, Track
-
 
 # Bytes. A chunk has its memory before its frames come.
 LARGEST_CHUNK = 2**30
@@ -101,7 +101,7 @@ class Stream(Iterator[Chunk]):
         Returns its slot, the first one that is free. Raises ValueError where none is, where an
         argument is not as stated, and after the end of the stream.
         """
-        if self._chunks.gi_frame is None:
+        if inspect.getgeneratorstate(self._chunks) == inspect.GEN_CLOSED:
             raise ValueError(
                 "the stream has ended: a track that is added now would never be followed"
             )
@@ -204,9 +204,7 @@ def track_stream(
     try:
         source = iter(frames)
     except TypeError:
-        raise ValueError(
-            f"frames must be an iterable of images, but is {shown(frames)}"
-        ) from None
+        raise ValueError(f"frames must be an iterable of images, but is {shown(frames)}") from None
     nothing: Any = object()
     first = next(source, nothing)
     if first is nothing:
