@@ -57,7 +57,7 @@ def main(command_line: Sequence[str] | None = None) -> None:
     # A program that was kept from before the scopes have changed has the old ones.
     jax.config.update("jax_compilation_cache_include_metadata_in_key", True)
     steps = len(frames) - 1
-    compiled = track_chunk.lower(state, shown[1:], config).compile()
+    compiled = jax.jit(track_chunk).lower(state, shown[1:], config).compile()
     call = functools.partial(compiled, state, shown[1:], config)
     clock = clocked(call)
     alone = [1e6 * clock() / steps for _ in range(ROUNDS)]

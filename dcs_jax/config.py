@@ -9,7 +9,19 @@ from typing import Any, Literal, TypeVar
 import jax
 import numpy as np
 
-from dcs_jax.checks import check_choice, check_count
+from dcs_jax.checks import INT32, box_numbers, check_choice, check_count, shown
+from dcs_jax.fields import (
+    check_between,
+    check_fields,
+    choice,
+    count,
+    group,
+    not_negative,
+    number,
+    pytree,
+    share,
+    static,
+)
 from dcs_jax.types import BoxLike
 
 Selector = Literal["l1", "error", "mil", "first"]
@@ -17,135 +29,90 @@ TieRule = Literal["first", "error"]
 WeakRule = Literal["midpoint", "gaussian"]
 OutputSize = Literal["estimated", "initial"]
 Number = float | jax.Array
-Check = Callable[[str, Any], None]  # of a field's name and value; raises ValueError
+
+# Cells on a side of the window. Its maps then have 64 MiB, of each part of the object.
+_MOST_CELLS = 4096
+# F = M * K * N, features of a track: its state then has some 300 MiB.
+_MOST_FEATURES = 2**22
+# Scales that are compared, and the ratio of the largest to the present one.
+_MOST_SCALES, _LARGEST_SCALE = 999, 10.0
 
 
-def _check_odd(name: str, value: Any) -> None:
-    check_count(name, value, least=3)
-    if value % 2 == 0:
+def _check_odd(name: str, value: Any) -> int:
+    scales = check_count(name, value, 3, _MOST_SCALES)
+    if scales % 2 == 0:
         raise ValueError(
             f"{name} must be odd, so that the last scale is in the middle, but is {value}"
         )
+    return scales
 
 
-def _check_between(name: str, value: Any, expected: str, low: float, high: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low < value < high:
-        raise ValueError(f"{name} must be {expected}, but is {value!r}")
-
-
-def _check_canvas(name: str, value: Any) -> None:
-    sides = value if isinstance(value, tuple) else (value, value)
-    if value != "native" and not (
-        len(sides) == 2 and all(isinstance(side, int) and side >= 4 for side in sides)
-    ):
+def _check_canvas(name: str, value: Any) -> Any:
+    if isinstance(value, str) and value == "native":
+        return "native"
+    pair = isinstance(value, tuple)
+    sides = value if pair else (value,)
+    try:
+        if pair and len(sides) != 2:
+            raise ValueError
+        known = tuple(check_count(name, side, 4, _MOST_CELLS) for side in sides)
+    except ValueError:
         raise ValueError(
-            f'{name} must be "native", an integer of at least 4 or two of them, but is {value!r}'
-        )
+            f'{name} must be "native", an integer of at least 4 and at most {_MOST_CELLS}, or two '
+            f"of them, but is {shown(value)}"
+        ) from None
+    return known if pair else known[0]
 
 
-def _check_numbers(name: str, value: Any, expected: str, least: float, limit: float) -> None:
-    """ValueError unless value is a number, or an array of numbers, in [least, limit).
-
-    Inside a transformation, JAX rebuilds the dataclass around tracers and placeholders, which have
-    no value to look at, and in `track_batch` around arrays whose values lie in other processes:
-    they pass.
-    """
-    if isinstance(value, (str, bytes, list, dict, tuple)):
-        raise ValueError(f"{name} must be a number or an array of numbers, but is {value!r}")
-    if isinstance(value, (bool, jax.core.Tracer)) or not isinstance(
-        value, (int, float, np.number, np.ndarray, jax.Array)
-    ):
-        return
-    if isinstance(value, jax.Array) and not value.is_fully_addressable:
-        return
-    numbers = np.asarray(value)
-    if not ((numbers >= least) & (numbers < limit)).all():
-        raise ValueError(f"{name} must be {expected}, but is {value}")
+def _check_parts(name: str, value: Any) -> int:
+    count = int(value) if isinstance(value, np.integer) else value
+    check_choice(name, count, (1, 5, 9))
+    return count
 
 
-def _check_group(name: str, value: Any, group: type) -> None:
-    # Other objects are JAX's placeholders, as in `_check_numbers`.
-    if isinstance(value, (bool, int, float, str, tuple, list, dict, np.ndarray)):
-        raise ValueError(f"{name} must be a dcs_jax.{group.__name__} or None, but is {value!r}")
-
-
-def _static(default: Any, check: Callable[..., None], **limits: Any) -> Any:
-    """A field that defines shapes or chooses code: part of what is compiled."""
-    metadata = {"static": True, "check": functools.partial(check, **limits)}
-    return dataclasses.field(default=default, metadata=metadata)
-
-
-def _choice(default: Any, *choices: Any) -> Any:
-    return _static(default, check_choice, choices=choices)
-
-
-def _count(default: int) -> Any:
-    return _static(default, check_count)
-
-
-def _number(default: float, expected: str, least: float, limit: float = math.inf) -> Any:
-    """A field that is a leaf of the pytree, in [least, limit): it can be swept and vmapped."""
-    check = functools.partial(_check_numbers, expected=expected, least=least, limit=limit)
-    return dataclasses.field(default=default, metadata={"check": check})
-
-
-def _not_negative(default: float) -> Any:
-    return _number(default, "finite and not negative", 0)
-
-
-def _share(default: float) -> Any:
-    return _number(default, "from 0 to 1", 0, 1 + 1e-6)
-
-
-def _group(group: type, on: bool = True) -> Any:
-    """A component's settings, or None; on: whether the default preset has the component."""
-    metadata = {"group": group, "check": functools.partial(_check_group, group=group)}
-    return dataclasses.field(default=group() if on else None, metadata=metadata)
-
-
-def _check_fields(settings: Any) -> None:
-    """ValueError where a field is not as its metadata demands."""
-    for field in dataclasses.fields(settings):
-        check: Check = field.metadata["check"]
-        check(field.name, getattr(settings, field.name))
-
-
-@jax.tree_util.register_dataclass
+@pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TranslationFilter:
     """A correlation filter as one more cue of the position (`extensions.translation`)."""
 
-    weight: Number = _not_negative(15.0)
+    weight: Number = not_negative(15.0)
     """Weight of the response, about 1 where the filter is sure, in the score map."""
-    learning_rate: Number = _share(0.02)
+    learning_rate: Number = share(0.02)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    first_frame: Number = _share(0.4)
+    first_frame: Number = share(0.4)
     """Weight of the first frame's filter in the response, in [0, 1]: against slow drift."""
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ScaleFilter:
     """A correlation filter over scales that estimates the object's (`extensions.scale`)."""
 
-    num_scales: int = _static(11, _check_odd)
+    num_scales: int = static(11, _check_odd)
     """S, scales compared in a frame, an odd number. Static."""
-    step: float = _static(1.04, _check_between, expected="above 1 and below 2", low=1, high=2)
-    """Ratio of a scale to the next smaller one, above 1 and below 2. Static."""
-    learning_rate: Number = _share(0.025)
+    step: float = static(1.04, check_between, expected="above 1 and below 2", low=1, high=2)
+    """Ratio of a scale to the next smaller one, above 1 and below 2; of the largest scale to the
+    present one at most 10. Static."""
+    learning_rate: Number = share(0.025)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    initial_pull: Number = _share(0.04)
+    initial_pull: Number = share(0.04)
     """Pull of the estimated scale towards the initial one, in [0, 1]: each frame moves the log
     scale back by pull * (1 - similarity) of its distance. Without verification there is no pull."""
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
+        steps = self.num_scales // 2
+        if steps * math.log(self.step) > math.log(_LARGEST_SCALE):
+            raise ValueError(
+                f"num_scales={self.num_scales} with step={self.step} compares scales of "
+                f"{self.step}^{steps}: expected at most {_LARGEST_SCALE:g} times the present one"
+            )
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Verification:
     """Comparison of the candidate with the object's templates (`extensions.verification`).
@@ -153,42 +120,42 @@ class Verification:
     A track then learns only where the object is verified, and says when it is lost.
     """
 
-    middle: Number = _number(0.3, "from -1 to 1", -1, 1 + 1e-6)
+    middle: Number = number(0.3, "from -1 to 1", -1, 1 + 1e-6)
     """Similarity, a cosine, at which the confidence is 1/2."""
-    slope: Number = _not_negative(10.0)
+    slope: Number = not_negative(10.0)
     """Slope of confidence = 1 / (1 + exp(-slope * (similarity - middle))). Both were fitted to
     tracks of seven labelled sequences and variants of them: of the boxes that overlap the object by
     more than half nine in ten have a similarity to the initial template above 0.2, of the others
     one in ten has one above 0.4."""
-    template_rate: Number = _share(0.05)
+    template_rate: Number = share(0.05)
     """Learning rate of the online template, in [0, 1]."""
-    template_penalty: Number = _not_negative(0.1)
+    template_penalty: Number = not_negative(0.1)
     """Reduction of the similarity to the online template, which may have drifted; a cosine."""
-    learn_above: Number = _share(0.7)
+    learn_above: Number = share(0.7)
     """Confidence above which a frame is learned from, and the scale followed."""
-    lost_below: Number = _share(0.5)
+    lost_below: Number = share(0.5)
     """Confidence up to which the object counts as missed in a frame."""
-    recover_above: Number = _share(0.9)
+    recover_above: Number = share(0.9)
     """Confidence above which a lost object is held again."""
-    patience: int | jax.Array = _number(5, "at least 1", 1)
-    """Frames in a row in which the object is missed before it is lost."""
+    patience: int | jax.Array = number(5, "at least 1", 1, INT32 + 1, whole=True)
+    """Frames in a row in which the object is missed before it is lost, an integer below 2^31."""
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Redetection:
     """Search of the whole frame for an object that was missed (`extensions.redetection`)."""
 
-    windows: int = _count(2)
+    windows: int = count(2)
     """Search windows a frame, in addition to that around the last position. Static."""
-    accept_above: Number = _share(0.9)
+    accept_above: Number = share(0.9)
     """Confidence above which the object is accepted in one of them."""
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
 
 
 # Names of earlier versions, and what replaced them.
@@ -210,7 +177,6 @@ RENAMED = {
     "patience": "verification.patience",
     "found_above": "verification.recover_above and redetection.accept_above",
 }
-_Class = TypeVar("_Class")
 
 
 def check_not_renamed(name: str, value: Any) -> None:
@@ -220,6 +186,9 @@ def check_not_renamed(name: str, value: Any) -> None:
         raise ValueError(f"scale={value} is now output_size={size!r}")
     if name in RENAMED:
         raise ValueError(f"{name} is now {RENAMED[name]}")
+
+
+_Class = TypeVar("_Class")
 
 
 def _refuse_old_names(config: type[_Class]) -> type[_Class]:
@@ -237,7 +206,7 @@ def _refuse_old_names(config: type[_Class]) -> type[_Class]:
 
 
 @_refuse_old_names
-@jax.tree_util.register_dataclass
+@pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Config:
     """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
@@ -246,62 +215,68 @@ class Config:
     can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The four
     groups are what the default has beyond the paper: None switches one off.
 
-    Raises ValueError where a value is out of its range, or a name is of an earlier version.
+    The tracker computes in float32 and int32, whatever the type of a number and JAX's settings;
+    numbers of no stated limit are at most 1e9. Static numbers may be NumPy's, and are kept as
+    Python's; an array is none.
+
+    Raises ValueError where a value is of another type or out of its range, the features are more
+    than 2^22, or a name is of an earlier version. JAX may put anything in the place of the numbers,
+    as for `in_axes`: `jax.tree.map(lambda _: None, config)` is not checked.
     """
 
-    canvas: int | tuple[int, int] | Literal["native"] = _static(40, _check_canvas)
+    canvas: int | tuple[int, int] | Literal["native"] = static(40, _check_canvas)
     """Cells per side of the object, whatever its size in pixels, or (rows, columns); or "native",
     one cell a pixel of the initial box (the paper's setting, compiled for every size of box)."""
-    window_factor: float = _static(
-        2.5, _check_between, expected="finite and above 1", low=1, high=math.inf
+    window_factor: float = static(
+        2.5, check_between, expected="finite and above 1", low=1, high=math.inf
     )
     """Side of the search window in object sides, above 1."""
-    window_minimum: float = _static(
-        0.0, _check_numbers, expected="finite and not negative", least=0, limit=math.inf
+    window_minimum: float = static(
+        0.0, check_between, expected="finite and not negative", low=-math.ulp(0), high=math.inf
     )
     """Least side of the search window in pixels (the paper: 100)."""
-    parts: Literal[1, 5, 9] = _choice(9, 1, 5, 9)
+    parts: Literal[1, 5, 9] = static(9, _check_parts)
     """K: 1 (the whole object), 5 (and its halves, the paper's) or 9 (and its quadrants)."""
-    selectors: int = _count(40)
+    selectors: int = count(40)
     """N, weak classifiers that a strong part classifier adds up."""
-    pool_size: int = _count(50)
+    pool_size: int = count(50)
     """M, weak classifiers that each selector chooses from."""
-    selector: Selector = _choice("l1", "l1", "error", "mil", "first")
+    selector: Selector = choice("l1", "l1", "error", "mil", "first")
     """How a selector chooses: "l1" by non-negative l1 minimisation with label noise (the paper's
     "w/ l1"), "error" by the least accumulated error ("w/o l1"), "mil" by the bag likelihood
     (Babenko et al., CVPR 2009), "first" as the first without error in this frame."""
-    tie: TieRule = _choice("first", "first", "error")
+    tie: TieRule = choice("first", "first", "error")
     """Which of several equally good classifiers "l1" takes: "first", the first one of the pool, or
     "error", the one of least accumulated error, with which the target is lost."""
-    weak: WeakRule = _choice("midpoint", "midpoint", "gaussian")
+    weak: WeakRule = choice("midpoint", "midpoint", "gaussian")
     """How a weak classifier decides: "midpoint" by the nearer class mean, "gaussian" by the
     likelier class (eq. 16)."""
-    iterations: int = _count(10)
+    iterations: int = count(10)
     """Accelerated proximal gradient steps of the "l1" selector."""
-    first_updates: int = _count(50)
+    first_updates: int = count(50)
     """Updates on the training samples of the first frame."""
-    output_size: OutputSize = _choice("estimated", "estimated", "initial")
+    output_size: OutputSize = choice("estimated", "estimated", "initial")
     """Size of the boxes of a track: "estimated", that of the scale filter, or "initial", that of
     the initial box around the estimated centre. The search follows the estimate in both."""
 
-    block: Number = _number(1 / 3, "above 0 and at most 1", 1e-6, 1 + 1e-6)
+    block: Number = number(1 / 3, "above 0 and at most 1", 1e-6, 1 + 1e-6)
     """Largest base block of a feature, in sides of its part, above 0 and at most 1 (the paper's
     code: 1/5, on some sequences 1)."""
-    lam: Number = _not_negative(0.01)
+    lam: Number = not_negative(0.01)
     """Weight lambda of the l1 penalty (eq. 14), not negative."""
-    smoothing: Number = _not_negative(1.5)
+    smoothing: Number = not_negative(1.5)
     """Standard deviation of the 3x3 Gaussian that smooths the maps, in cells; 0: none."""
-    overhang: Number = _not_negative(0.0)
+    overhang: Number = not_negative(0.0)
     """How far the box may move out of the frame, in sides of the object, not negative; 0: not at
     all, as the paper's window, which is clipped to the frame."""
-    prior: Number = _not_negative(0.6)
+    prior: Number = not_negative(0.6)
     """Motion prior: a displacement of d costs prior * d^2 / (w h), on the scale of
     -log(1 - Noisy-OR); 0: every position in the window is as likely (the paper's setting)."""
 
-    translation: TranslationFilter | None = _group(TranslationFilter)
-    scale: ScaleFilter | None = _group(ScaleFilter)
-    verification: Verification | None = _group(Verification)
-    redetection: Redetection | None = _group(Redetection)
+    translation: TranslationFilter | None = group(TranslationFilter)
+    scale: ScaleFilter | None = group(ScaleFilter)
+    verification: Verification | None = group(Verification)
+    redetection: Redetection | None = group(Redetection)
 
     @classmethod
     def paper(cls, **changes: Any) -> "Config":
@@ -322,22 +297,37 @@ class Config:
         return cls(**(preset | changes))
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
         if self.redetection is not None and self.verification is None:
             raise ValueError(
                 "redetection needs verification, which says when the object is missed: "
                 "set both to None, or neither"
             )
+        features = self.pool_size * self.parts * self.selectors
+        if features > _MOST_FEATURES:
+            raise ValueError(
+                f"pool_size={self.pool_size} with parts={self.parts} and selectors="
+                f"{self.selectors} are {features} features: expected at most {_MOST_FEATURES}"
+            )
 
     @property
     def grid(self) -> "Grid":
-        """The cells of object and window; ValueError while they depend on the box (`resolve`)."""
+        """The cells of object and window.
+
+        Raises ValueError while they depend on the box (`resolve`), and where the window has more
+        than 4096 cells on a side.
+        """
         if self.canvas == "native" or self.window_minimum > 0:
             raise ValueError(
                 f"canvas={self.canvas!r} with window_minimum={self.window_minimum} takes its shape "
                 "from the box: call config.resolve(box) first"
             )
         rows, columns = self.canvas if isinstance(self.canvas, tuple) else (self.canvas,) * 2
+        if max(rows, columns) * self.window_factor > _MOST_CELLS:
+            raise ValueError(
+                f"canvas={self.canvas!r} with window_factor={self.window_factor:g} gives a window "
+                f"of more than {_MOST_CELLS} cells on a side"
+            )
         return Grid(
             rows,
             columns,
@@ -349,13 +339,55 @@ class Config:
         """The same settings with the shapes that depend on the box fixed: canvas and window.
 
         box: [4], x, y, w, h in pixels, concrete. Returns itself where nothing depends on it.
+
+        Raises ValueError where the box is not as stated, or has a side of more than 4096 pixels
+        with canvas="native".
         """
         if self.canvas != "native" and self.window_minimum <= 0:
             return self
-        _, _, width, height = (float(side) for side in np.asarray(box))
+        _, _, width, height = (float(side) for side in box_numbers(box))
         canvas = (round(height), round(width)) if self.canvas == "native" else self.canvas
         factor = max(self.window_factor, *(self.window_minimum / side for side in (width, height)))
         return dataclasses.replace(self, canvas=canvas, window_factor=factor, window_minimum=0.0)
+
+
+def single_precision(config: Config) -> Config:
+    """The same settings with numbers in float32, those that are integers in int32.
+
+    The one place where their types are fixed: JAX would give Python's and NumPy's numbers other
+    ones with 64 bits allowed.
+
+    Raises ValueError unless config is a Config whose numbers are no arrays.
+    """
+    check_config(config)
+
+    def single(path: tuple[Any, ...], number: Any) -> Any:
+        if np.shape(number):
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            raise ValueError(
+                f"config.{name} must be one number here, but has the shape {np.shape(number)}: "
+                "arrays of them are for track_batch and jax.vmap"
+            )
+        dtype = number_type(path)
+        if isinstance(number, jax.Array):
+            return number if number.dtype == dtype else number.astype(dtype)
+        return dtype(number)  # of NumPy, in a tenth of the time of JAX's
+
+    return jax.tree_util.tree_map_with_path(single, config)
+
+
+def number_type(path: tuple[Any, ...]) -> Any:
+    """The type of the number at a path of JAX's in a Config: float32 or int32."""
+    settings: Any = Config
+    for key in path[:-1]:
+        settings = COMPONENTS[key.name]
+    return settings.__dataclass_fields__[path[-1].name].metadata["dtype"]
+
+
+def check_config(config: Any) -> None:
+    """ValueError unless config is a Config."""
+    if not isinstance(config, Config):
+        raise ValueError(f"config must be a dcs_jax.Config, but is {shown(config)}")
 
 
 # What the tracker can have beyond the paper, and the class of its settings.
@@ -371,15 +403,14 @@ def resolve_all(config: Config, boxes: np.ndarray) -> Config:
 
     Raises ValueError where they are not the same for all boxes, as one program serves them all.
     """
-    if not isinstance(config, Config):
-        raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
+    check_config(config)
     one, *others = (config.resolve(box) for box in boxes)
-    for number, other in enumerate(others, 1):
+    for position, other in enumerate(others, 1):
         if (other.canvas, other.window_factor) != (one.canvas, one.window_factor):
-            sizes = [f"{box[2]:g} x {box[3]:g}" for box in (boxes[0], boxes[number])]
+            sizes = [f"{box[2]:g} x {box[3]:g}" for box in (boxes[0], boxes[position])]
             raise ValueError(
                 f"canvas={config.canvas!r} with window_minimum={config.window_minimum} takes its "
-                f"shape from the box, but boxes[0] has {sizes[0]} pixels and boxes[{number}] "
+                f"shape from the box, but boxes[0] has {sizes[0]} pixels and boxes[{position}] "
                 f"{sizes[1]}: expected boxes of one size, or a canvas of a number of cells"
             )
     return one

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from dcs_jax.checks import check_box, check_frame
-from dcs_jax.config import Config, Grid
-from dcs_jax.core.haar import draw_pool, responses
+from dcs_jax.checks import check_box, check_frame, check_key, shown
+from dcs_jax.config import Config, Grid, single_precision
+from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
 from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak, middle_confidence
 from dcs_jax.core.selection import select
@@ -44,11 +45,12 @@ def init(
 
     frame: [H, W] grey or [H, W, 3] RGB, uint8; or its `column_sums`, which all tracks of one video
         can share, or a `VideoFrame`, of which only what is looked at is read.
-    box: [4], x, y, w, h in pixels, float32.
+    box: [4], x, y, w, h in pixels, of 4 to 1e6 a side, at least partly in the frame.
     key: decides the features, and with them everything else; or the features themselves.
     config: with canvas="native", as `config.resolve(box)` gives it.
 
-    Raises ValueError where shapes, types or the box are not as stated.
+    Raises ValueError where shapes, types or the box are not as stated. Under jit the values of the
+    box are not known, and not checked.
     """
     return _begin(frame, box, key, config)[0]
 
@@ -67,6 +69,9 @@ def _begin(
     """The first state, and what is seen around its box."""
     frame = _readable(frame)
     check_box(box, frame.shape)
+    if not isinstance(key, Pool):
+        check_key(key)
+    config = single_precision(config)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
     view = _look(frame, config, box)
@@ -117,9 +122,12 @@ def step(
 
     frame: as given to `init`, of the same size as before.
     config: as given to `init`; its numbers may change from frame to frame.
+
+    Raises ValueError where types, shapes or the components of state and config are not as stated.
     """
     frame = _readable(frame)
-    _check_components(state, config)
+    config = single_precision(config)
+    check_state(state, config)
     return _step(state, frame, config)
 
 
@@ -142,9 +150,12 @@ def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Conf
     """What the classifiers make of a frame at the position where the state has its box.
 
     After `init` this is the first row of a track, whose box is the initial one, not searched for.
+
+    Raises ValueError as `step` does.
     """
     frame = _readable(frame)
-    _check_components(state, config)
+    config = single_precision(config)
+    check_state(state, config)
     return _score(state, _look(frame, config, state.box), config)
 
 
@@ -292,8 +303,27 @@ def _learn(
     return weak, combine(selected, errors), noise
 
 
-def _check_components(state: State, config: Config) -> None:
-    """ValueError unless the state has what the components of the settings carry, and no more."""
+def check_state(state: Any, config: Config) -> None:
+    """ValueError unless the state is one that `init` gives with the static fields of config."""
+    if not isinstance(state, State):
+        raise ValueError(f"state must be a dcs_jax.State, as init gives it, but is {shown(state)}")
+    K, N = config.parts, config.selectors
+    F = config.pool_size * K * N
+    for name, leaf, expected in (
+        ("box", state.box, (4,)),
+        ("strong.selected", state.strong.selected, (K, N)),
+        ("pool.corners", state.pool.corners, (CORNERS, F)),
+        ("weak.mean", state.weak.mean, (2, F)),
+    ):
+        if np.shape(leaf) != expected:
+            raise ValueError(
+                f"state.{name} must have the shape {expected}, of parts={K}, selectors={N} and "
+                f"pool_size={config.pool_size}, but has {np.shape(leaf)}"
+            )
+    if (state.weak.sigma is None) != (config.weak == "midpoint"):
+        raise ValueError(
+            f"config.weak is {config.weak!r}, but the state was initialised with another rule"
+        )
     for name in ("translation", "scale", "verification"):
         has, wants = getattr(state, name) is not None, getattr(config, name) is not None
         if has != wants:
@@ -345,4 +375,6 @@ def _info(state: State, best: Candidate, noise: Float[Array, " R"], config: Conf
     if config.output_size == "initial":
         size = state.initial_size
         box = jnp.concatenate([box[:2] + (box[2:] - size) / 2, size])
-    return StepInfo(box, best.confidence, best.noisy_or, best.part_scores, lost, noise)
+    # Smoothing rounds some scores to just outside.
+    noisy_or, part_scores = (jnp.clip(x, 0, 1) for x in (best.noisy_or, best.part_scores))
+    return StepInfo(box, best.confidence, noisy_or, part_scores, lost, noise)

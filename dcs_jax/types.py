@@ -19,6 +19,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int8, Int32, Integer, UInt8
 
+# A number of the settings, in float32 whatever JAX's settings are (`single_precision`).
+Scalar = float | np.floating | Float[Array, ""]
 Frame = UInt8[Array, "H W *channels"]
 Frames = UInt8[Array, "T H W *channels"]
 # What users may pass; shapes and values are checked with errors of our own.

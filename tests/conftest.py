@@ -13,10 +13,9 @@ os.environ.setdefault("JAX_NUMPY_DTYPE_PROMOTION", "strict")
 
 from jaxtyping import install_import_hook
 
-# Not config, which JAX rebuilds around placeholders of any type, nor what users call, which has
-# checks of its own: runners and solvers.select.
+# Not what users call, which has checks of its own: config, tracker, runners and solvers.select.
 _SOLVERS = ("apg", "certificate", "interior", "iterate", "jaxopt", "problem", "projected_gradient")
-_CHECKED = ("core", "extensions", "tracker", "solvers.ties", *(f"solvers.{s}" for s in _SOLVERS))
+_CHECKED = ("core", "extensions", "solvers.ties", *(f"solvers.{s}" for s in _SOLVERS))
 install_import_hook([f"dcs_jax.{module}" for module in _CHECKED], "beartype.beartype")
 
 import jax

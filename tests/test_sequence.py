@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from settings import SMALL_DEFAULT, WITHOUT_COMPONENTS
@@ -33,6 +34,8 @@ def test_a_track_has_the_shapes_and_ranges_it_promises(clip):
 def test_one_frame_is_a_sequence(clip):
     track = dcs_jax.track_sequence(clip.frames[:1], clip.boxes[0], config=SMALL)
     assert track.boxes.shape == (1, 4)
+    inside = jax.eval_shape(dcs_jax.track_sequence, clip.frames[:1], clip.boxes[0], config=SMALL)
+    assert jax.tree.map(jnp.shape, inside) == jax.tree.map(jnp.shape, track)
 
 
 def test_another_box_key_number_or_length_compiles_nothing(clip, traces):
@@ -142,6 +145,12 @@ def test_bad_frames_are_refused_before_any_compilation(frames, message, monkeypa
         ((10, 10, 3, 20), r"at least 4 pixels .* \(10, 10, 3, 20\)"),
         ((60, 10, 20, 20), r"frame of 60 x 40 pixels, but \(60, 10, 20, 20\) is wholly outside"),
         ((10, -20, 20, 20), "wholly outside"),
+        ((0, 0, 4e19, 20), r"at most 1e\+06 pixels wide and high, .* but is \(0, 0, 4e\+19, 20\)"),
+        ((0, 0, 20, 1000001), "at most 1e.06 pixels wide and high"),
+        ((0, 0, 10**400, 20), r"four finite numbers .* but is \(0, 0, 1000"),
+        ((0, 0, "20", "20"), "four finite numbers .* but is"),
+        ((0, 0, 20j, 20), "four finite numbers .* but is .*20j"),
+        ((0, 0, None, 20), "four finite numbers .* None"),
     ],
 )
 def test_bad_boxes_are_refused_before_any_compilation(box, message, monkeypatch):
@@ -150,15 +159,61 @@ def test_bad_boxes_are_refused_before_any_compilation(box, message, monkeypatch)
         dcs_jax.track_sequence(FRAMES, box)
 
 
-@pytest.mark.parametrize("key", [0, np.zeros(2, np.uint32), "seed"])
+@pytest.mark.parametrize(
+    "track",
+    [
+        lambda key: dcs_jax.track_sequence(FRAMES, BOX, key),
+        lambda key: dcs_jax.init(FRAMES[0], BOX, key, SMALL),
+        lambda key: jax.jit(dcs_jax.init)(FRAMES[0], BOX, key, SMALL),
+    ],
+    ids=["track_sequence", "init", "init under jit"],
+)
+def test_what_is_not_one_key_is_refused(track, monkeypatch):
+    monkeypatch.setattr(tracker, "draw_pool", None)  # nothing is drawn
+    with pytest.raises(ValueError, match=r"key must be made by jax\.random\.key\(seed\)"):
+        track(np.zeros(2, np.uint32))
+    with pytest.raises(ValueError, match=r"one key, but is an array of keys of shape \(2,\)"):
+        track(jax.random.split(jax.random.key(0)))
+
+
+@pytest.mark.parametrize("key", [0, "seed"])
 def test_bad_keys_are_refused(key):
     with pytest.raises(ValueError, match=r"jax\.random\.key\(seed\)"):
         dcs_jax.track_sequence(FRAMES, BOX, key)
 
 
-def test_many_keys_are_refused():
-    with pytest.raises(ValueError, match=r"one key, but is an array of keys of shape \(2,\)"):
-        dcs_jax.track_sequence(FRAMES, BOX, jax.random.split(jax.random.key(0)))
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"state": None}, r"state must be a dcs_jax\.State, as init gives it, but is None"),
+        ({"frames": FRAMES[0]}, r"frames must be \[T, H, W\] grey or .*\(40, 60\)"),
+        ({"frames": FRAMES[:0]}, r"frames must not be empty, but has the shape \(0, 40, 60\)"),
+        ({"frames": FRAMES.astype(float)}, "frames must be uint8 .* but is float64"),
+        ({"frames": None}, "frames must be a NumPy or JAX array .* but is a NoneType"),
+        ({"config": None}, r"config must be a dcs_jax\.Config, but is None"),
+        (
+            {"config": dataclasses.replace(SMALL, selectors=7)},
+            r"state.strong.selected must have the shape \(5, 7\), .* but has \(5, 6\)",
+        ),
+        (
+            {"config": dataclasses.replace(SMALL, pool_size=11)},
+            r"state.pool.corners must have the shape \(9, 330\), .* but has \(9, 360\)",
+        ),
+        (
+            {"config": dataclasses.replace(SMALL, weak="gaussian")},
+            "config.weak is 'gaussian', but the state was initialised with another rule",
+        ),
+        (
+            {"config": dataclasses.replace(SMALL, lam=np.ones(3))},
+            r"config.lam must be one number here, but has the shape \(3,\)",
+        ),
+    ],
+)
+def test_a_chunk_of_bad_arguments_is_refused(arguments, message):
+    key = jax.random.key(0)
+    state = jax.eval_shape(dcs_jax.init, FRAMES[0], BOX, key, SMALL)
+    with pytest.raises(ValueError, match=message):
+        dcs_jax.track_chunk(**({"state": state, "frames": FRAMES, "config": SMALL} | arguments))
 
 
 def test_a_config_of_another_type_is_refused():

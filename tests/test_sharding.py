@@ -11,6 +11,7 @@ import pytest
 from settings import SMALL
 
 import dcs_jax
+from dcs_jax.runners import sharding
 from dcs_jax.synthetic import render
 
 # What a process of its own runs, as the number of devices is fixed when JAX starts. Its arguments:
@@ -34,7 +35,7 @@ one = dcs_jax.track_batch(clip_frames(), BOXES, config=SMALL, mesh=mesh)
 keys = jax.vmap(jax.random.key)(jnp.arange(len(BOXES)))
 videos = np.stack([clip_frames()] * len(BOXES))
 many = dcs_jax.track_batch(videos, BOXES, keys, SMALL, mesh=mesh)
-programs = [program.as_text() for program in sharding._programs.values()]
+programs = [program.as_text() for program in sharding.programs().values()]
 names = "all-reduce|all-gather|all-to-all|collective|reduce-scatter"
 collectives = re.findall(names, "".join(programs))
 np.savez(out, one=one.boxes, many=many.boxes, scores=one.noisy_or,
@@ -84,3 +85,36 @@ def test_a_sharded_batch_has_the_same_boxes(start, tmp_path, devices, processes)
         np.testing.assert_array_equal(saved["many"], singles)
         assert saved["programs"] == 4
         assert not saved["collectives"].size  # no communication between the devices
+
+
+def double(states, each, common):
+    """The smallest of programs."""
+    return states + common, 2 * each
+
+
+def kept_after(lengths):
+    """Number of programs that are kept after runs on arrays of these lengths."""
+    slots = sharding.SlotSharding(1)
+    for length in lengths:
+        states, ones = (slots.shard(np.ones((1, length), np.float32)) for _ in range(2))
+        states, results = slots.run(double, states, ones, slots.replicate(np.float32(3)))
+        np.testing.assert_array_equal(states[0], np.full((1, length), 4))
+        np.testing.assert_array_equal(results[0], np.full((1, length), 2))
+    return len(sharding.programs().values())
+
+
+def test_the_number_of_programs_that_are_kept_is_bounded():
+    assert kept_after(range(1, 41)) == sharding.MOST_PROGRAMS == 32
+    newest = sharding.programs().values()
+    kept_after([20])
+    assert sharding.programs().values()[-1] is newest[20 - 41]  # it was not compiled again
+
+
+def test_they_go_with_the_caches_of_jax():
+    kept_after([2, 3])
+    client = jax.devices()[0].client
+    before = len(client.live_executables())
+    jax.clear_caches()
+    assert not sharding.programs().values()
+    assert len(client.live_executables()) < before
+    assert kept_after([2]) == 1

@@ -57,6 +57,9 @@ def test_chunks_hold_the_frames_in_order(clip):
     assert [part.start for part in parts] == [0, 1, 9, 17, 25]
     np.testing.assert_array_equal(np.concatenate([part.frames for part in parts]), clip.frames)
     assert stream.seconds > 0
+    stream.drop(0)
+    with pytest.raises(ValueError, match="the stream has ended"):  # no frame comes any more
+        stream.add(clip.boxes[0])
 
 
 def test_a_track_starts_in_a_frame_to_come(clip):
@@ -187,6 +190,11 @@ BOXES = [(10, 10, 20, 20)]
     ("arguments", "message"),
     [
         ({"frames": []}, "frames is empty"),
+        ({"frames": [None]}, "frame must be a NumPy or JAX array .* but is a NoneType"),
+        ({"frames": 5}, "frames must be an iterable of images, but is 5"),
+        ({"chunk": 10**8}, r"chunk must be at most 447392 frames of the shape \(40, 60\), .* MiB"),
+        ({"slots": 10**8}, "slots must be .* at most 10000, but is 100000000"),
+        ({"boxes": [(10, 10, 2e6, 9)]}, r"boxes\[0\]: box must be at most 1e\+06 pixels"),
         ({"frames": FRAMES.astype(float)}, "frame must be uint8 .* float64"),
         ({"boxes": [(70, 0, 9, 9)]}, r"boxes\[0\]: box must lie at least partly"),
         ({"slots": 0}, "slots must be an integer of at least 1, but is 0"),
@@ -213,6 +221,14 @@ def test_what_cannot_be_added_or_dropped_is_refused(clip):
         stream.drop(1)
     assert stream.add(box) == 1
     with pytest.raises(ValueError, match="all 2 slots have a track"):
+        stream.add(box)
+
+    for slot in (1.0, None, -1, True):
+        with pytest.raises(ValueError, match="slot must be an integer of at least 0, but is"):
+            stream.drop(slot)
+    stream.close()
+    stream.drop(0)
+    with pytest.raises(ValueError, match="the stream has ended"):
         stream.add(box)
 
     own = dcs_jax.track_stream(clip.frames, [box], KEYS[:1], SMALL, slots=2)

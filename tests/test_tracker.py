@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from hypothesis import given
+from hypothesis import strategies as st
 from layout import in_reference_order, reference_at, reference_pool, reference_settings
 from sequences import load
 from settings import SMALL, SMALL_DEFAULT, WITHOUT_COMPONENTS
@@ -15,6 +17,7 @@ import dcs_jax
 from dcs_jax import Config
 from dcs_jax.core.haar import draw_pool
 from dcs_jax.evaluation.metrics import mean_centre_error, overlap
+from dcs_jax.runners.sequence import init_track
 from dcs_jax.synthetic import render
 
 init = jax.jit(dcs_jax.init)
@@ -129,6 +132,31 @@ def test_a_still_scene_never_drifts(preset):
     assert np.abs(track.boxes - clip.boxes[0]).max() < 0.5
 
 
+def test_a_box_may_be_four_numbers_under_jit(clip):
+    box = tuple(clip.boxes[0].tolist())
+    key = jax.random.key(1)
+    expected = init(clip.frames[0], clip.boxes[0], key, SMALL)
+    found = init(clip.frames[0], box, key, SMALL)
+    assert jax.tree.all(jax.tree.map(lambda one, other: (one == other).all(), found, expected))
+    mixed = jax.eval_shape(lambda x: dcs_jax.init(clip.frames[0], (x, 40, 30, 20), key, SMALL), 3)
+    assert mixed.box.dtype == jnp.float32
+
+
+@pytest.mark.parametrize(
+    ("box", "message"),
+    [
+        ((1.0, 2.0, 30.0), r"four finite numbers .* shape \(3,\)"),
+        ((1.0, 2.0, 30.0, np.ones(2)), "four finite numbers"),
+        ((1.0, 2.0, 30.0, 1j), "four finite numbers"),
+        (np.ones((2, 4)), r"four finite numbers .* shape \(2, 4\)"),
+        (np.ones(4, bool), "four finite numbers"),
+    ],
+)
+def test_bad_boxes_are_refused_under_jit(clip, box, message):
+    with pytest.raises(ValueError, match=message):
+        jax.eval_shape(dcs_jax.init, clip.frames[0], box, jax.random.key(0), SMALL)
+
+
 FLAT = np.zeros((160, 200, 3), np.uint8)
 SLOPE = np.broadcast_to(np.arange(200, dtype=np.uint8)[:, None], FLAT.shape)
 NOISE = np.random.default_rng(0).integers(0, 256, FLAT.shape, np.uint8)
@@ -149,6 +177,54 @@ def test_nothing_to_see_gives_finite_boxes(preset, kinds):
         assert np.isfinite(track.confidence).all()
     if kinds[0] is FLAT and preset.verification is not None:
         assert track.lost[-1]  # it has never been seen
+
+
+KINDS = {
+    "black": np.zeros((60, 80), np.uint8),
+    "white": np.full((60, 80), 255, np.uint8),
+    "grey": np.full((60, 80), 90, np.uint8),
+    "slope": np.broadcast_to(np.arange(80, dtype=np.uint8) * np.uint8(3), (60, 80)),
+    "noise": NOISE[:60, :80, 0],
+    "one pixel": np.eye(60, 80, 79, np.uint8) * np.uint8(255),
+}
+
+
+def assert_finite(tree):
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        assert np.isfinite(leaf).all(), jax.tree_util.keystr(path)
+
+
+@pytest.mark.parametrize(
+    ("preset", "channels"),
+    [
+        (Config(), (3,)),
+        (Config.paper().resolve((0, 0, 20, 24)), ()),
+        (SMALL_DEFAULT, ()),
+        (SMALL, (3,)),
+    ],
+    ids=["default", "paper", "small default", "small paper"],
+)
+@given(
+    kinds=st.lists(st.sampled_from(list(KINDS)), min_size=3, max_size=3),
+    x=st.floats(-19, 79, width=32),
+    y=st.floats(-23, 59, width=32),
+    seed=st.integers(0, 9),
+)
+def test_whatever_is_seen_all_is_finite(preset, channels, kinds, x, y, seed):
+    frames = np.stack([np.broadcast_to(KINDS[kind].T, (*channels, 80, 60)).T for kind in kinds])
+    state, first = init_track(frames[0], np.float32([x, y, 20, 24]), jax.random.key(seed), preset)
+    assert_finite(state)
+    after, rest = dcs_jax.track_chunk(state, frames[1:], preset)
+    assert_finite(after)
+    for info in (first, rest):
+        unknown = {"confidence"} if preset.verification is None else set()
+        assert_finite({name: v for name, v in info._asdict().items() if name not in unknown})
+        assert np.isnan(info.confidence).all() == (preset.verification is None)
+        for scores in (info.noisy_or, info.part_scores):
+            assert ((scores >= 0) & (scores <= 1)).all()
+    centres = rest.box[:, :2] + rest.box[:, 2:] / 2
+    assert (centres >= -1e-3).all()
+    assert (centres <= np.array([80, 60]) + 1e-3).all()
 
 
 def test_a_constant_added_to_all_grey_values_changes_no_bit():

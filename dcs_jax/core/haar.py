@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int32, Shaped
 
 from dcs_jax.config import Config
 from dcs_jax.core.samples import part_rectangles
-from dcs_jax.types import Pool
+from dcs_jax.types import Pool, Scalar
 
 CORNERS = 9
 # Features cover at least this many cells (the authors' generator).
@@ -64,7 +64,9 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     widths = jnp.cumsum(fitting, axis=-1)
     shape = (config.pool_size, config.parts, config.selectors)
     # Vmapped, so that the generator is compiled once.
-    uniforms = jax.vmap(lambda key: jax.random.uniform(key, shape))(jax.random.split(key, 4))
+    uniforms = jax.vmap(lambda key: jax.random.uniform(key, shape, jnp.float32))(
+        jax.random.split(key, 4)
+    )
     for_height, for_width, for_row, for_column = uniforms
     drawn = jax.vmap(_draw, (0, 1), 1)(types_and_heights, for_height)
     kind, block_height = jnp.divmod(drawn.reshape(-1), fitting.shape[2])  # [F]
@@ -83,8 +85,8 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     rows = height - jnp.asarray(_ROWS.max(1))[kind] * block_height + 1
     columns = width - jnp.asarray(_COLUMNS.max(1))[kind] * block_width + 1
     row, column = top + position(for_row, rows), left + position(for_column, columns)
-    corner_rows = row + jnp.asarray(_ROWS.T)[:, kind] * block_height
-    corner_columns = column + jnp.asarray(_COLUMNS.T)[:, kind] * block_width
+    corner_rows = row[None] + jnp.asarray(_ROWS.T)[:, kind] * block_height[None]
+    corner_columns = column[None] + jnp.asarray(_COLUMNS.T)[:, kind] * block_width[None]
     cells = (grid.rows + 1) * (grid.columns + 1)
     return Pool(
         corners=(corner_rows * (grid.columns + 1) + corner_columns).astype(
@@ -96,9 +98,7 @@ def draw_pool(key: Shaped[Array, ""], config: Config) -> Pool:
     )
 
 
-def _fitting(
-    rectangles: np.ndarray, block: float | Float[Array, ""]
-) -> Float[Array, "K 5 heights widths"]:
+def _fitting(rectangles: np.ndarray, block: Scalar) -> Float[Array, "K 5 heights widths"]:
     """Probability of each type with each base block in each part, up to a factor for each part.
 
     The probability of the block times the number of positions where the feature fits; blocks of 1,
@@ -116,8 +116,8 @@ def _fitting(
         return jnp.clip(block * side.astype(np.float32) - block_side.astype(np.float32), 0, 1)
 
     fitting = (
-        drawn(height, heights[:, None])
-        * drawn(width, widths)
+        drawn(height, heights[None, None, :, None])
+        * drawn(width, widths[None, None, None])
         * (positions * (rows * columns >= _LEAST_AREA)).astype(np.float32)
     )
     single = (positions * (heights[:, None] * widths == 1)).astype(np.float32)
@@ -129,9 +129,9 @@ def _draw(
 ) -> Int32[Array, "*draws"]:
     """Indices [...] drawn in proportion to weights, given their cumulative sums, from U(0, 1)."""
     # A uniform number is below 1, but its product may round up to the total.
-    last = (cumulative < cumulative[-1]).sum()
+    last = (cumulative < cumulative[-1]).sum(dtype=jnp.int32)
     found = jnp.searchsorted(cumulative, uniform * cumulative[-1], side="right")
-    return jnp.minimum(found, last).astype(jnp.int32)
+    return jnp.minimum(found.astype(jnp.int32), last)
 
 
 @jax.named_scope("Haar responses")
@@ -150,4 +150,4 @@ def responses(patches: Float[Array, "cells R"], pool: Pool) -> Float[Array, "R F
         return jax.lax.dynamic_index_in_dim(total, patch, axis=1, keepdims=False) * pool.scale
 
     # As a loop, the transposition keeps XLA from doing the gathers again wherever a row is used.
-    return jax.lax.map(of_patch, jnp.arange(patches.shape[1]))
+    return jax.lax.map(of_patch, jnp.arange(patches.shape[1], dtype=jnp.int32))

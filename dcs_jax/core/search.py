@@ -12,7 +12,7 @@ from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS_OF_BOXES, responses
 from dcs_jax.core.weak import vote
 from dcs_jax.core.window import reach
-from dcs_jax.types import Pool, Strong, Weak
+from dcs_jax.types import Pool, Scalar, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
 _LEAST_MISS = 1e-6
@@ -95,7 +95,7 @@ def middle_confidence(
     votes = vote(responses(patches, features), weak.mean[:, chosen], sigma)
     votes = votes.reshape(-1, *strong.alpha.shape)  # [C_y * C_x, K, N]
     total = strong.alpha.sum(1)
-    votes = (strong.alpha * votes).sum(2) / jnp.where(total > 0, total, 1)
+    votes = (strong.alpha[None] * votes).sum(2) / jnp.where(total > 0, total, 1)[None]
     maps = _fuse(votes.T.reshape(-1, len(tops), len(lefts)), config)
     return maps.at(jnp.int32(near[0]), jnp.int32(near[1]), config)
 
@@ -142,8 +142,8 @@ def find_peak(
     in_reach = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
     score = jnp.where(in_reach, score_map - config.prior * squared, -jnp.inf)
     best = score >= score.max() - _PLATEAU
-    nearest = jnp.argmin(jnp.where(best, squared, jnp.inf))
-    seed = (jnp.arange(best.size) == nearest).reshape(best.shape)
+    nearest = jnp.argmin(jnp.where(best, squared, jnp.inf)).astype(jnp.int32)
+    seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
     if not subcell:
@@ -195,7 +195,9 @@ def _part_votes(
     boxes = pool.boxes[chosen]
     order = _stable_order(boxes)
     chosen, alpha = (jnp.take_along_axis(x, order, axis=1) for x in (chosen, strong.alpha))
-    ends = jnp.stack([(boxes <= number).sum(1) for number in CORNERS_OF_BOXES], axis=1)  # [K, 3]
+    ends = jnp.stack(
+        [(boxes <= number).sum(1, dtype=jnp.int32) for number in CORNERS_OF_BOXES], axis=1
+    )  # [K, 3]
 
     def of_chosen(values: Shaped[Array, "fields F"]) -> Shaped[Array, "K N fields"]:
         return jnp.moveaxis(values[:, chosen], 0, -1)
@@ -233,9 +235,11 @@ def _chosen(strong: Strong) -> Int32[Array, "K N"]:
 def _stable_order(keys: Int32[Array, "K N"]) -> Int32[Array, "K N"]:
     """`jnp.argsort` of each row, by comparing all with all: faster for rows this short."""
     number = jnp.arange(keys.shape[1], dtype=jnp.int32)
-    keys = keys * len(number) + number
-    place = (keys[:, :, None] > keys[:, None]).sum(2)
-    return jnp.where(place[:, :, None] == number, number[:, None], 0).sum(1)
+    keys = keys * len(number) + number[None]
+    place = (keys[:, :, None] > keys[:, None]).sum(2, dtype=jnp.int32)
+    return jnp.where(place[:, :, None] == number[None, None], number[None, :, None], 0).sum(
+        1, dtype=jnp.int32
+    )
 
 
 def _sum_votes(
@@ -272,9 +276,7 @@ def _sum_votes(
     return total
 
 
-def _smooth(
-    maps: Float[Array, "*maps C_y C_x"], sigma: float | Float[Array, ""]
-) -> Float[Array, "*maps C_y C_x"]:
+def _smooth(maps: Float[Array, "*maps C_y C_x"], sigma: Scalar) -> Float[Array, "*maps C_y C_x"]:
     """3x3 Gaussian of standard deviation sigma cells over the last two axes, edges repeated."""
     side = jnp.exp(-0.5 / jnp.square(jnp.asarray(sigma, jnp.float32)))  # 0 where sigma is
     for axis in (-2, -1):

@@ -54,16 +54,24 @@ def _l1(
     problems = codes.shape[1]
     counts = jnp.zeros((2**patches, problems), votes.dtype).at[codes, np.arange(problems)].add(1.0)
 
-    problem = Problem(patterns, counts, jnp.asarray(LABELS), jnp.asarray(WEIGHTS), config.lam)
+    problem = Problem(
+        patterns,
+        counts,
+        jnp.asarray(LABELS, jnp.float32),
+        jnp.asarray(WEIGHTS, jnp.float32),
+        config.lam,
+    )
     solution = apg.solve(problem, config.iterations)
     beta = jnp.where(counts > 0, solution.beta, 0)  # [2^R, K * N]
     # Where the penalty leaves no classifier, the best correlated one is taken.
-    scores = jnp.where(beta.max(0) > 0, beta, agreement_with_labels(patterns)[:, None])
+    scores = jnp.where(
+        beta.max(0, keepdims=True) > 0, beta, agreement_with_labels(patterns)[:, None]
+    )
     best = is_maximum(jnp.where(counts > 0, scores, -jnp.inf))
     # Of each problem, the best patterns are the bits of one number: a shift instead of a gather.
     bit = jnp.uint32(1) << jnp.arange(2**patches, dtype=jnp.uint32)[:, None]
     best = jnp.where(best, bit, jnp.uint32(0)).sum(0, dtype=jnp.uint32)
-    chosen = ((best >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
+    chosen = ((best[None] >> codes.astype(jnp.uint32)) & 1 == 1).reshape(error.shape)
     if config.tie == "error":
         return first_maximum(jnp.where(chosen, -error, -jnp.inf)), solution.noise.mean(1)
     return first_true(chosen), solution.noise.mean(1)
@@ -76,7 +84,7 @@ def _most_likely_bag(votes: Float[Array, "R M N"]) -> Int32[Array, " N"]:
     sample is a negative bag of its own; a sample's probability is the logistic function of the
     summed votes.
     """
-    weights = jnp.asarray(WEIGHTS)[:, None]
+    weights = jnp.asarray(WEIGHTS, jnp.float32)[:, None]
 
     def choose(
         strong: Float[Array, " R"], candidates: Float[Array, "R M"]
@@ -87,4 +95,4 @@ def _most_likely_bag(votes: Float[Array, "R M N"]) -> Int32[Array, " N"]:
         return strong + candidates[:, index], index
 
     one_by_one = jnp.moveaxis(votes, 2, 0)
-    return jax.lax.scan(choose, jnp.zeros(len(votes)), one_by_one)[1]
+    return jax.lax.scan(choose, jnp.zeros(len(votes), jnp.float32), one_by_one)[1]

@@ -90,16 +90,26 @@ def vote(
     mean, sigma: [2, ...], of background and object. Without sigma the class whose mean is nearer
     decides, with sigma the likelier one (eq. 16).
     """
-    background, target = mean
+    background, target = (_align(center, responses) for center in mean)
     if sigma is None:
         decision = (responses - (background + target) / 2) * (target - background)
     else:
         log_density = [
             -0.5 * ((responses - center) / width) ** 2 - jnp.log(width)
-            for center, width in zip(mean, sigma, strict=True)
+            for center, width in (
+                (background, _align(sigma[0], responses)),
+                (target, _align(sigma[1], responses)),
+            )
         ]
         decision = log_density[1] - log_density[0]
-    return jnp.where(decision >= 0, 1.0, -1.0).astype(jnp.float32)
+    return jnp.where(decision >= 0, jnp.float32(1), jnp.float32(-1))
+
+
+def _align(
+    values: Float[Array, "*classifiers"], responses: Float[Array, "*shape"]
+) -> Float[Array, "*aligned"]:
+    """The values with leading axes of length 1 for those that only the responses have."""
+    return values.reshape((1,) * (responses.ndim - values.ndim) + values.shape)
 
 
 def error(weak: Weak) -> Float[Array, " F"]:

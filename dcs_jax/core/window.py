@@ -130,8 +130,9 @@ def _of_block(
     """The integral image of a window, from a block of so many rows and columns of pixels."""
     x, y, w, h = box
     height, width = frame.shape[:2]
-    line_y = y + h / grid.rows * (jnp.arange(grid.window[0] + 1.0) - grid.margin_rows)
-    line_x = x + w / grid.columns * (jnp.arange(grid.window[1] + 1.0) - grid.margin_columns)
+    row, column = (jnp.arange(side + 1, dtype=jnp.float32) for side in grid.window)
+    line_y = y + h / grid.rows * (row - grid.margin_rows)
+    line_x = x + w / grid.columns * (column - grid.margin_columns)
     stride = _stride(shape, frame.shape, box, grid)
     top = _first_pixel(line_y[0], shape[0] * stride, height)
     left = _first_pixel(line_x[0], shape[1] * stride, width)
@@ -246,7 +247,7 @@ def _resample(
     grey = sums.grey[middle]
     rows, columns = sums.shape
     top, left = _pixel(line_y[0], rows), _pixel(line_x[0], columns)
-    in_window = jnp.arange(columns) >= left
+    in_window = jnp.arange(columns, dtype=jnp.int32) >= left
 
     # Line by line: in one gather, XLA would compute the position of the line for every element.
     def down_to(line: Float[Array, ""]) -> Float[Array, " W"]:
@@ -257,7 +258,7 @@ def _resample(
         return jnp.where(in_window, above.astype(jnp.float32) + cut, 0)
 
     down = jax.lax.map(down_to, line_y)  # [G_y + 1, W]
-    lines = (down - down[0]).T
+    lines = (down - down[:1]).T
     before = _sums_before(lines)
 
     def right_to(line: Float[Array, ""]) -> Float[Array, " lines_y"]:
@@ -265,7 +266,7 @@ def _resample(
         return before[column] + (line - column.astype(jnp.float32)) * lines[column]
 
     integral = jax.lax.map(right_to, line_x)  # [G_x + 1, G_y + 1]
-    return (integral - integral[0]).T
+    return (integral - integral[:1]).T
 
 
 def _sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:

@@ -42,7 +42,7 @@ def describe(
         """What each line counts for the difference between two lines of the patch."""
         line = middle[axis] + jnp.asarray(sides[axis] * along, jnp.float32)
         line = jnp.clip(line, 0, float(lines[axis] - 1)) - first[axis].astype(jnp.float32)
-        away = jnp.abs(line[..., None] - jnp.arange(near[axis], dtype=jnp.float32))
+        away = jnp.abs(line[..., None] - jnp.arange(near[axis], dtype=jnp.float32)[None, None])
         return jnp.diff(jnp.maximum(1 - away, 0), axis=1)
 
     sums = jnp.einsum("syg,gh->syh", between(0), part)

@@ -8,9 +8,9 @@ estimation for robust visual tracking", BMVC 2014.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex
 
-from dcs_jax.types import Filter
+from dcs_jax.types import Filter, Scalar
 
 
 def train(
@@ -21,11 +21,11 @@ def train(
     spectrum: [D, ...], of the features. desired: [...], spectrum of the desired output.
     """
     power = jnp.square(spectrum.real) + jnp.square(spectrum.imag)
-    return Filter(desired * spectrum.conj(), power.sum(0))
+    return Filter(desired[None] * spectrum.conj(), power.sum(0))
 
 
 def response(
-    trained: Filter, spectrum: Complex[Array, "D *frequencies"], ridge: float | Float[Array, ""]
+    trained: Filter, spectrum: Complex[Array, "D *frequencies"], ridge: Scalar
 ) -> Complex[Array, "*frequencies"]:
     """Spectrum of the filter's response to features of this spectrum: [...].
 
@@ -35,7 +35,7 @@ def response(
     return (trained.numerator * spectrum).sum(0) / power
 
 
-def interpolate(old: Filter, new: Filter, rate: float | Float[Array, ""]) -> Filter:
+def interpolate(old: Filter, new: Filter, rate: Scalar) -> Filter:
     """The mean of two filters, the new one with the weight `rate`, in [0, 1]."""
     return jax.tree.map(
         lambda before, now: before + jnp.asarray(rate, before.dtype) * (now - before), old, new

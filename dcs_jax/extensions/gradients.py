@@ -38,7 +38,7 @@ def gradient_cells(
     cosine, sine = (
         jnp.asarray(part(angles), jnp.float32)[:, None, None] for part in (np.cos, np.sin)
     )
-    projections = jnp.maximum(cosine * right + sine * down, 0)
+    projections = jnp.maximum(cosine * right[None] + sine * down[None], 0)
     # Rows of equal weight are added one by one, the rest is products with constant matrices: a
     # third of the time of a sum over reshaped axes.
     group = _pixels_of_equal_weight(cell, bilinear)
@@ -50,7 +50,7 @@ def gradient_cells(
         to_rows = jnp.asarray(_bin_weights(rows, cell, bilinear)[:, ::group], jnp.float32)
         # o: orientations, g: groups of pixel rows, r and c: rows and columns of cells
         cells = jnp.einsum("rg,ogc->orc", to_rows, cells)
-    return cells / jnp.sqrt(jnp.sqrt(jnp.square(cells).sum(0) + _EPSILON))
+    return cells / jnp.sqrt(jnp.sqrt(jnp.square(cells).sum(0, keepdims=True) + _EPSILON))
 
 
 def _pixels_of_equal_weight(cell: int, bilinear: bool) -> int:

@@ -76,7 +76,8 @@ def search_window(
 ) -> Float[Array, "4"]:
     """The box in the middle of one of the search windows that tile the frame, row by row."""
     sides = jnp.array([frame_shape[1], frame_shape[0]], jnp.float32)
-    counts = jnp.ceil(sides / (box[2:] * (window_factor - 1))).astype(jnp.int32)
+    # Of a window factor just above 1 a window a pixel, or their number leaves int32.
+    counts = jnp.minimum(jnp.ceil(sides / (box[2:] * (window_factor - 1))), sides).astype(jnp.int32)
     row, column = jnp.divmod(number % (counts[0] * counts[1]), counts[0])
     middle = (
         (jnp.stack([column, row]).astype(jnp.float32) + 0.5) * sides / counts.astype(jnp.float32)

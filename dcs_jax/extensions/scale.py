@@ -48,7 +48,7 @@ def estimate(state: Filter, descriptions: Float[Array, "S D"]) -> Float[Array, "
     waves = _waves(len(descriptions)).conj() * twice / len(descriptions)
     response = spectrum.real @ jnp.asarray(waves.real, jnp.float32)
     response -= spectrum.imag @ jnp.asarray(waves.imag, jnp.float32)
-    best = jnp.argmax(response[1:-1]) + 1
+    best = jnp.argmax(response[1:-1]).astype(jnp.int32) + 1
     offset = parabola_peak(response[best - 1], response[best], response[best + 1])
     return best.astype(jnp.float32) - len(descriptions) // 2 + offset
 

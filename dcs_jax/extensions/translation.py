@@ -120,7 +120,8 @@ def _features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Arra
     grey = jnp.diff(jnp.diff(window, axis=0), axis=1)
     cells = gradient_cells(grey, _cell(grid), bilinear=True)
     cells -= cells.mean((1, 2), keepdims=True)
-    cells *= jnp.asarray(np.multiply.outer(*map(filters.hann, cells.shape[1:])), jnp.float32)
+    faded = np.multiply.outer(*map(filters.hann, cells.shape[1:]))
+    cells *= jnp.asarray(faded, jnp.float32)[None]
     return cells / jnp.sqrt(jnp.square(cells).mean() + 1e-6)
 
 

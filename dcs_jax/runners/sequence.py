@@ -7,9 +7,10 @@ from jaxtyping import Array, Float, Int32
 
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_frames, check_key
-from dcs_jax.config import Config
+from dcs_jax.config import Config, check_config, single_precision
 from dcs_jax.core.window import VideoFrame
 from dcs_jax.runners.batch import track_batch
+from dcs_jax.tracker import check_state
 from dcs_jax.types import BoxLike, Frame, Frames, ImageLike, State, StepInfo, Track
 
 
@@ -22,8 +23,8 @@ def track_sequence(
     """Track a box through a video.
 
     frames: [T, H, W] grey or [T, H, W, 3] RGB, uint8, NumPy or JAX.
-    box: [4], x, y, w, h in pixels in the first frame, (x, y) the top-left corner; at least 4 pixels
-        a side, and at least partly in the frame.
+    box: [4], x, y, w, h in pixels in the first frame, (x, y) the top-left corner; 4 to 1e6 pixels a
+        side, and at least partly in the frame.
     key: random key that decides the features; by default `jax.random.key(0)`. The same key gives
         the same boxes, bit for bit.
     config: settings. On a canvas (the default) only another size of the frames or another static
@@ -39,8 +40,7 @@ def track_sequence(
     if key is None:
         key = jax.random.key(0)
     check_key(key)
-    if not isinstance(config, Config):
-        raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
+    check_config(config)
     if any(
         isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((frames, box, key, config))
     ):
@@ -51,6 +51,8 @@ def track_sequence(
 
 def _track(frames: Frames, box: Float[Array, "4"], key: jax.Array, config: Config) -> Track:
     state, first = init_track(frames[0], box, key, config)
+    if len(frames) == 1:
+        return Track(*(leaf[None] for leaf in first))
     _, rest = track_chunk(state, frames[1:], config)
     infos = jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
     return Track(*infos)
@@ -64,13 +66,24 @@ def init_track(
     return tracker.start(frame, box, key, config)
 
 
-@jax.jit
-def track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
+def track_chunk(state: State, frames: ImageLike, config: Config) -> tuple[State, StepInfo]:
     """Track on through the next frames of a video: `step` in one `lax.scan`.
 
-    frames: [T, H, W] or [T, H, W, 3], uint8. Returns the state after them, and the infos stacked
-    over T. Chunks of any lengths give the same boxes as the whole; each length is compiled once.
+    frames: [T, H, W] or [T, H, W, 3], uint8, at least one. Returns the state after them, and the
+    infos stacked over T. Chunks of any lengths give the same boxes as the whole; each length is
+    compiled once.
+
+    Raises ValueError, before any compilation, where types, shapes or the components of state and
+    config are not as stated.
     """
+    check_frames(frames)
+    config = single_precision(config)
+    check_state(state, config)
+    return _track_chunk(state, frames, config)
+
+
+@jax.jit
+def _track_chunk(state: State, frames: Frames, config: Config) -> tuple[State, StepInfo]:
 
     def step(state: State, index: Int32[Array, ""]) -> tuple[State, StepInfo]:
         # Not the frames scanned over: each would be copied whole.

@@ -2,10 +2,14 @@
 
 XLA runs a program of small loops on one core of a CPU, also where halves of it are independent:
 there each shard of the slots has a thread of its own. On a mesh JAX shards.
+
+Compiled programs are kept in memory, the 32 used last; `jax.clear_caches()` lets go of all.
 """
 
 import functools
 import os
+import threading
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from time import perf_counter
@@ -131,9 +135,55 @@ def cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-# Compiled programs by what they depend on, the last used at the end; a limit bounds the memory.
-_programs: dict[Any, Any] = {}
+# Of each shape of a frame and of the settings, number of slots and of frames there are two.
 MOST_PROGRAMS = 32
+
+
+class Programs:
+    """Compiled programs by what they depend on, the last used at the end, at most 32."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Any, Any] = {}
+        self._lock = threading.Lock()  # tracks may run in several threads
+
+    def get(self, key: Any, compile_program: Callable[[], Any]) -> Any:
+        """The program of a key, compiled where there is none."""
+        with self._lock:
+            found = self._kept.pop(key, None)
+        if found is None:
+            found = compile_program()
+        with self._lock:
+            self._kept[key] = found
+            while len(self._kept) > MOST_PROGRAMS:
+                del self._kept[next(iter(self._kept))]
+        return found
+
+    def values(self) -> list[Any]:
+        """The programs that are kept."""
+        with self._lock:
+            return list(self._kept.values())
+
+
+_present: list["weakref.ref[Programs]"] = []
+
+
+def programs() -> Programs:
+    """The programs of this process.
+
+    JAX's caches own them, so that `jax.clear_caches()` frees their memory as it does that of all
+    other programs: they hold the static argument of `_own`, and here is but a weak reference.
+    """
+    present = _present[0]() if _present else None
+    if present is None:
+        present = Programs()
+        _own(present)
+        _present[:] = [weakref.ref(present)]
+    return present
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _own(owned: Programs) -> int:
+    return 0
 
 
 def _compiled(
@@ -145,7 +195,8 @@ def _compiled(
     """
     leaves, structure = jax.tree.flatten(arguments)
     key = (program, mesh, tuple(options), structure, *map(_kind, leaves))
-    if key not in _programs:
+
+    def compile_program() -> Any:
         function = program
         if mesh is not None:
             each, common = PartitionSpec(AXIS), PartitionSpec()
@@ -157,11 +208,9 @@ def _compiled(
                 check_vma=False,
             )
         jitted = jax.jit(function, donate_argnums=0, compiler_options=options)
-        _programs[key] = jitted.lower(*arguments).compile()
-        if len(_programs) > MOST_PROGRAMS:
-            del _programs[next(iter(_programs))]
-    _programs[key] = _programs.pop(key)
-    return _programs[key]
+        return jitted.lower(*arguments).compile()
+
+    return programs().get(key, compile_program)
 
 
 def _kind(leaf: jax.Array) -> tuple[Any, ...]:

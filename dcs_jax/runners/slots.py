@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import jax
@@ -13,7 +12,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from dcs_jax import tracker
-from dcs_jax.config import COMPONENTS, Config
+from dcs_jax.config import Config, number_type
 from dcs_jax.core.haar import draw_pool
 from dcs_jax.runners.programs import (
     InitArguments,
@@ -205,19 +204,16 @@ def _filled(frames: ImageLike, length: int, axis: int) -> ImageLike:
 
 def _spread(config: Config, size: int) -> Config:
     """The settings with an array [S] for each number; ValueError where one has another shape."""
-    # With all components, whether the default has them or not.
-    presets = Config(**{name: group() for name, group in COMPONENTS.items()})
 
-    def spread(path: Any, number: Any) -> NDArray[np.generic]:
-        name = jax.tree_util.keystr(path, simple=True, separator=".")
-        numbers = np.asarray(number, np.asarray(attrgetter(name)(presets)).dtype)
+    def spread(path: tuple[Any, ...], number: Any) -> NDArray[np.generic]:
+        numbers = np.asarray(number, number_type(path))
         if numbers.shape not in ((), (size,)):
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
             raise ValueError(
                 f"config.{name} must be one number for all tracks or [{size}], one for each, "
                 f"but has the shape {numbers.shape}"
             )
-        kind = jax.dtypes.canonicalize_dtype(numbers.dtype)
-        return np.broadcast_to(numbers.astype(kind), (size,))
+        return np.broadcast_to(numbers, (size,))
 
     return jax.tree_util.tree_map_with_path(spread, config)
 

@@ -1,5 +1,7 @@
 """Tracks through frames as they come, in memory that does not grow with their number."""
 
+import inspect
+import math
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -8,12 +10,25 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from dcs_jax.checks import check_box, check_boxes, check_count, check_frame, check_key, check_keys
+from dcs_jax.checks import (
+    check_box,
+    check_boxes,
+    check_count,
+    check_frame,
+    check_key,
+    check_keys,
+    shown,
+)
 from dcs_jax.config import Config, resolve_all
 from dcs_jax.io.chunks import ahead, chunks
 from dcs_jax.io.source import Image
 from dcs_jax.runners.slots import Slots, draw
 from dcs_jax.types import BoxLike, Pool, State, StepInfo, Track
+
+# Bytes. A chunk has its memory before its frames come.
+LARGEST_CHUNK = 2**30
+# So many states have some 3 GB.
+MOST_SLOTS = 10_000
 
 
 class Chunk(NamedTuple):
@@ -106,8 +121,13 @@ class Stream(Iterator[Chunk]):
             then ends with it, and has the box in its last row; by default the last that was
             yielded. It is followed from the next on.
 
-        Returns its slot, the first one that is free; ValueError where none is.
+        Returns its slot, the first one that is free. Raises ValueError where none is, where an
+        argument is not as stated, and after the end of the stream.
         """
+        if inspect.getgeneratorstate(self._chunks) == inspect.GEN_CLOSED:
+            raise ValueError(
+                "the stream has ended: a track that is added now would never be followed"
+            )
         check_box(box, self._last.shape)
         if frame is not None:
             check_count("frame", frame, least=self._yielded)
@@ -139,6 +159,7 @@ class Stream(Iterator[Chunk]):
 
     def drop(self, slot: int) -> None:
         """End the track of a slot, which is free then; ValueError where there is none."""
+        slot = check_count("slot", slot, least=0)
         if not (0 <= slot < self._slots.size and self.active[slot]):
             raise ValueError(
                 f"slot {slot} has no track: those that have one are "
@@ -229,9 +250,10 @@ def track_stream(
     keys: one for all, by default `jax.random.key(0)`, or [B], one each. With one for all, so are
         the features of tracks that are added later; else they bring a key.
     config: settings, as for `track_batch`; its numbers may be arrays [S].
-    slots: S, how many tracks there can be at a time, at least B; by default B. Tracks that come and
-        go compile nothing, and an empty slot takes no time.
-    chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB.
+    slots: S, how many tracks there can be at a time, at least B, at most 10 000; by default B.
+        Tracks that come and go compile nothing, and an empty slot takes no time.
+    chunk: frames in a chunk; by default 32, fewer where they have more than 32 MiB. At most 1 GiB
+        of frames.
     states: tracks that go on, as `Stream.state` or `load` gives them: they are followed into the
         first frame, and have the first slots. `boxes` may then be empty. The boxes are those of one
         run, in the same sense.
@@ -239,9 +261,13 @@ def track_stream(
     Raises ValueError, before any compilation, where an argument is not as stated; while the stream
     runs, where a frame is not.
     """
-    source = iter(frames)
-    first = next(source, None)
-    if first is None:
+    try:
+        source = iter(frames)
+    except TypeError:
+        raise ValueError(f"frames must be an iterable of images, but is {shown(frames)}") from None
+    nothing: Any = object()
+    first = next(source, nothing)
+    if first is nothing:
         raise ValueError("frames is empty: expected at least one frame")
     check_frame(first)
     states = list(states)
@@ -252,15 +278,20 @@ def track_stream(
     count = len(states) + len(boxes)
     own_key = keys is not None
     keys = check_keys(keys, len(boxes))
-    for name, number in (("slots", slots), ("chunk", chunk)):
-        if number is not None:
-            check_count(name, number)
-    size = count if slots is None else slots
+    size = count if slots is None else check_count("slots", slots, most=MOST_SLOTS)
+    if chunk is not None:
+        chunk = check_count("chunk", chunk)
+        most = max(1, LARGEST_CHUNK // math.prod(first.shape))
+        if chunk > most:
+            raise ValueError(
+                f"chunk must be at most {most} frames of the shape {first.shape}, which are "
+                f"{LARGEST_CHUNK // 2**20} MiB, but is {chunk}"
+            )
     if size < count:
         raise ValueError(f"slots is {size}, but there are {count} boxes and states")
     for number, state in enumerate(states):
         if not isinstance(state, State):
-            raise ValueError(f"states[{number}] must be a dcs_jax.State, but is {state!r}")
+            raise ValueError(f"states[{number}] must be a dcs_jax.State, but is {shown(state)}")
     # In a state only the size of the initial box counts.
     initial = [np.r_[0, 0, np.asarray(state.initial_size)] for state in states]
     resolved = resolve_all(config, np.asarray([*initial, *boxes], np.float32))

@@ -39,6 +39,7 @@ def method(problem: Problem, start: Float[Array, "M *B"]) -> Method:
     # One over the Lipschitz constant of the gradient. The identities in W add 1 to the eigenvalue.
     step_size = 1 / (2 * (eigenvalue_bound(problem) + 1))
     labels, weights = (x.reshape(-1, *(1,) * step_size.ndim) for x in (labels, weights))
+    step_size = step_size.reshape(-1, *start.shape[1:])
 
     def step(state: _ApgState) -> _ApgState:
         ahead = state.extrapolated

@@ -90,7 +90,7 @@ def _scale(problem: Problem) -> _Scaled:
     votes, counts, labels, weights, lam, _ = problem
     size = jnp.where(jnp.abs(labels).max() > 0, jnp.abs(labels).max(), 1)
     root = jnp.sqrt(weights)
-    votes = jnp.where(counts[:, None] > 0, votes.T * root, 0)  # [M, L]
+    votes = jnp.where(counts[:, None] > 0, votes.T * root[None], 0)  # [M, L]
     largest = jnp.abs(votes).max(1)
     largest = jnp.where(largest > 0, largest, 1)
     present = weights > 0
@@ -181,7 +181,7 @@ def _factorise(
     if rows <= columns:
         solve = _cholesky((votes * inner[:, None]).T @ votes, diagonal)
         return lambda p, x: solve(p - _adjoint(votes, x))
-    solve = _cholesky((votes / diagonal) @ votes.T, 1 / inner)
+    solve = _cholesky((votes / diagonal[None]) @ votes.T, 1 / inner)
 
     def by_columns(p: Float[Array, " L"], x: Float[Array, " constraints"]) -> Float[Array, " L"]:
         # Solved for the change of beta: the two terms of the Woodbury formula cancel.

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.solvers.certificate import Certificate, certify
 from dcs_jax.solvers.problem import Problem
+from dcs_jax.types import Scalar
 
 # An objective below this share of that of beta = 0 is 0 up to rounding: the gap is then relative to
 # this share.
@@ -69,7 +70,7 @@ def iterate(
     problem: Problem,
     method: Method,
     start: Float[Array, " M"] | None,
-    tol: float | Float[Array, ""],
+    tol: Scalar,
     max_iterations: int,
     every: int,
 ) -> Solved:

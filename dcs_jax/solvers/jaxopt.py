@@ -18,7 +18,7 @@ def method(problem: Problem, start: Float[Array, " M"]) -> Method:
     votes, counts, labels, weights, lam, _ = problem
     rows, columns = votes.shape
     root, identity = jnp.sqrt(weights), jnp.eye(rows, dtype=votes.dtype)
-    w = jnp.concatenate([counts * votes, identity, -identity], axis=1)
+    w = jnp.concatenate([counts[None] * votes, identity, -identity], axis=1)
     noise = jnp.tile(noise_penalty(problem) * weights, 2)
     penalty = jnp.concatenate([lam * counts, noise])
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from dcs_jax.types import Scalar
+
 # Up to this many rows the looser bound is used, in a tenth of the time.
 _FEW_ROWS = 8
 _SQUARINGS = 4
@@ -34,8 +36,8 @@ class Problem(NamedTuple):
     counts: Float[Array, "M *B"]
     labels: Float[Array, " L"]
     weights: Float[Array, " L"]
-    lam: float | Float[Array, ""]
-    lam_noise: float | Float[Array, ""] | None = None
+    lam: Scalar
+    lam_noise: Scalar | None = None
 
 
 class Solution(NamedTuple):
@@ -49,7 +51,7 @@ class Solution(NamedTuple):
     noise: Float[Array, "L *B"]
 
 
-def noise_penalty(problem: Problem) -> float | Float[Array, ""]:
+def noise_penalty(problem: Problem) -> Scalar:
     """The weight of the penalty on the noise: []."""
     return problem.lam if problem.lam_noise is None else problem.lam_noise
 
@@ -72,9 +74,9 @@ def eigenvalue_bound(problem: Problem) -> Float[Array, "*B"]:
     """
     scaled = problem.votes * jnp.sqrt(problem.weights)[:, None]
     if problem.counts.ndim == 1:
-        gram = (scaled * problem.counts) @ scaled.T
+        gram = (scaled * problem.counts[None]) @ scaled.T
     else:
-        products = scaled[:, None] * scaled  # [L, L, M]
+        products = scaled[:, None] * scaled[None]  # [L, L, M]
         gram = jnp.moveaxis(products @ problem.counts, -1, 0)
     if len(problem.labels) <= _FEW_ROWS:
         return jnp.sqrt(jnp.square(gram).sum((-2, -1)))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
-from dcs_jax.checks import as_numbers, check_choice, check_count, check_key
+from dcs_jax.checks import as_numbers, check_choice, check_count, check_key, shown
 from dcs_jax.solvers import apg, interior, jaxopt, projected_gradient
 from dcs_jax.solvers.iterate import Method, Solved, iterate
 from dcs_jax.solvers.problem import Problem
@@ -142,7 +142,7 @@ def select_classifiers(
     try:
         shape = np.shape(votes)
     except ValueError:  # lists of different lengths
-        raise ValueError(f"votes must be [..., L, M], but is {votes!r}") from None
+        raise ValueError(f"votes must be [..., L, M], but is {shown(votes)}") from None
     if len(shape) < 2 or 0 in shape:
         raise ValueError(f"votes must be [..., L, M] and not empty, not {shape}")
     rows, columns = shape[-2:]
@@ -161,14 +161,15 @@ def select_classifiers(
     )
     if errors is not None:
         errors = as_numbers("errors", errors, dtype, (columns,))
-    if tol is not None and np.ndim(tol) != 0:
-        raise ValueError(f"tol must be one number for all problems, but has {np.shape(tol)}")
+    # No gap is below -1: the solver stops only after its iterations.
+    limit = jnp.asarray(-1, dtype) if tol is None else as_numbers("tol", tol, dtype, (), least=0)
+    if limit.ndim:
+        raise ValueError(f"tol must be one number for all problems, but has {limit.shape}")
     if solver == "auto":
         solver = "apg" if tol is None else "interior"
     return _select(
         problems,
-        # No gap is below -1: the solver stops only after its iterations.
-        jnp.asarray(-1, dtype) if tol is None else as_numbers("tol", tol, dtype, (), least=0),
+        limit,
         errors,
         key,
         solver=solver,

@@ -19,7 +19,7 @@ def first_maximum(scores: Float[Array, "M *selectors"]) -> Int32[Array, "*select
 
 def is_maximum(scores: Float[Array, "M *selectors"]) -> Bool[Array, "M *selectors"]:
     """Which scores are maxima along the first axis, up to a relative tolerance: [M, ...]."""
-    best = scores.max(0)
+    best = scores.max(0, keepdims=True)
     return scores >= best - TIE_TOLERANCE * jnp.abs(best)
 
 
