@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from track_files import SIZE, cvat, cvat_box, object_track, some_tracks
 
 from dcs_jax import formats
@@ -159,12 +161,12 @@ def coco(**changes):
         ("a.json", json.dumps(COCO | {"videos": [{}, {}]}), "has 2 videos: expected one"),
         ("a.json", coco(bbox=[1, 2, 3]), "annotations[0].bbox is [1, 2, 3]: expected four finite"),
         ("a.json", coco(bbox=[1, 2, 3, 0]), "annotations[0].bbox is [1, 2, 3, 0]"),
-        ("a.json", coco(bbox=[1, 2, 3, True]), "annotations[0].bbox is [1, 2, 3, true]"),
+        ("a.json", coco(bbox=[1, 2, 3, True]), "annotations[0].bbox is [1, 2, 3, True]"),
         ("a.json", coco(bbox=[1e39, 2, 3, 4]), "annotations[0].bbox is [1e+39, 2, 3, 4]"),
         ("a.json", coco(bbox=[np.nan, 2, 3, 4]), "NaN is not a number of JSON"),
         ("a.json", coco(image_id=6), "annotations[0].image_id is 6: expected the id of one of"),
-        ("a.json", coco(track_id="x"), 'annotations[0].track_id is "x": expected a whole number'),
-        ("a.json", coco(score="x"), 'annotations[0].score is "x": expected a finite number'),
+        ("a.json", coco(track_id="x"), "annotations[0].track_id is 'x': expected a whole number"),
+        ("a.json", coco(score="x"), "annotations[0].score is 'x': expected a finite number"),
         ("a.json", json.dumps(COCO | {"images": [{"id": 5}]}), "has no frame_id or frame_index"),
     ],
 )  # fmt: skip
@@ -232,3 +234,74 @@ def test_tracks_that_would_not_fit_into_memory(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text(HEAD + "0,1,2,3,4,\n20,1,2,3,4,\n")
     with pytest.raises(ValueError, match="are 21 boxes; expected 20 at most"):
         formats.read(tmp_path / "a.csv")
+
+
+@pytest.fixture(scope="module")
+def contents(tmp_path_factory):
+    """What is in the files of each format, to be damaged."""
+    folder = tmp_path_factory.mktemp("good")
+    found = {}
+    for name in formats.NAMES:
+        path = folder / name
+        formats.write(path, some_tracks(), name)
+        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+        found[name] = [(str(file.relative_to(folder)), file.read_bytes()) for file in files]
+    return found
+
+
+pieces = st.one_of(
+    st.binary(max_size=3),
+    st.sampled_from(
+        [b"nan", b"inf", b"-1", b"1e999", b"9999999999", b"\x00", b'"', b",", b"\n", b"<", b"null"]
+    ),
+)
+
+
+@pytest.mark.parametrize("name", formats.NAMES)
+@settings(max_examples=200)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_or_read(contents, tmp_path_factory, name, data):
+    """Some bytes are replaced, or the file is cut short: no other error, no warning."""
+    folder = tmp_path_factory.mktemp("damaged")
+    number = data.draw(st.integers(0, len(contents[name]) - 1))
+    for at, (file, content) in enumerate(contents[name]):
+        if at == number:
+            start = data.draw(st.integers(0, len(content)))
+            end = data.draw(st.one_of(st.just(len(content)), st.integers(start, start + 8)))
+            content = content[:start] + data.draw(pieces) + content[end:]
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_bytes(content)
+    try:
+        tracks = formats.read(folder / name, name)
+    except ValueError as error:
+        message = str(error)
+    else:
+        formats.write(folder / "again.csv", tracks)
+        return
+    assert str(folder) in message
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"size": [640]}', "data.yaml.size is [640]: expected a width and a height"),
+        ('{"names": [[]]}', "data.yaml.names is [[]]: expected a list of names"),
+        ('{"names": {"a": "b"}}', "data.yaml.names is {'a': 'b'}: expected a list of names"),
+        ('{"length": "x"}', "data.yaml.length is 'x': expected a whole number"),
+        ("[]", "data.yaml holds a list: expected names of classes"),
+    ],
+)
+def test_errors_in_the_classes_of_yolo(tmp_path, text, message):
+    (tmp_path / "data.yaml").write_text(text)
+    with pytest.raises(ValueError, match=r"data\.yaml") as error:
+        formats.read(tmp_path)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["size", "length", "source", "names"])
+def test_yaml_that_would_grow_without_bound(tmp_path, name):
+    pytest.importorskip("yaml")
+    levels = "".join(f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 9)}]\n" for n in range(1, 30))
+    (tmp_path / "data.yaml").write_text(f"l0: &l0 [a]\n{levels}{name}: *l29\n")
+    with pytest.raises(ValueError, match=rf"data\.yaml\.{name} is \[\[\[.*: expected"):
+        formats.read(tmp_path)

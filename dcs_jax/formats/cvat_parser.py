@@ -49,7 +49,8 @@ class _Parser:
         self._tracks: list[Shapes] = []
         self._meta: dict[str, str] = {}  # text of the elements in <meta>, by their path
         self._images = False
-        self._expat = expat.ParserCreate()
+        # Whatever encoding it declares: Python would look for a codec of that name.
+        self._expat = expat.ParserCreate("utf-8")
         self._expat.buffer_text = True
         self._expat.StartDoctypeDeclHandler = self._doctype
         self._expat.StartElementHandler = self._start

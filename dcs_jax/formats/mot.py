@@ -2,7 +2,8 @@
 
 "All frame numbers, target IDs and bounding boxes are 1-based" (the evaluation kit's description of
 its format): the left edge of the first pixel is at x = 1, and so the kit in Python, py-motmetrics,
-subtracts 1 from x and y as it loads a file. Here 1 is added on writing and subtracted on reading.
+subtracts 1 from x and y as it loads a file. Here 1 is added on writing and subtracted on
+reading. (Datumaro takes x and y as they are: its boxes are one pixel off.)
 Conf is -1 where there is none, as in the kit's example.
 
 Objects have ids: their names, if all are numbers from 1 on, else 1, 2, 3, ... in their order. A

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import reprlib
 from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -14,6 +15,9 @@ from dcs_jax.formats.tracks import LAST_FRAME
 
 _LARGEST = 1e30  # far below the end of float32
 _SMALLEST = 1e-30  # pixels, a side
+
+_SHORT = reprlib.Repr()  # of values of any size
+_SHORT.maxstring = 60
 
 
 class Record(NamedTuple):
@@ -31,35 +35,35 @@ class Record(NamedTuple):
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 2**63 - 1:
-            self._refuse(name, "a whole number from 0 on")
+            self.refuse(name, "a whole number from 0 on")
         return int(value)
 
     def frame(self, *names: str) -> int:
         """The index of a frame."""
         value = self.count(*names)
         if value > LAST_FRAME:
-            self._refuse(self._get(names)[0], "a frame counted from 0")
+            self.refuse(self._get(names)[0], "a frame counted from 0")
         return value
 
     def number(self, name: str) -> float:
         """A finite number."""
         value = self._get((name,))[1]
         if not _is_number(value):
-            self._refuse(name, "a finite number")
+            self.refuse(name, "a finite number")
         return float(value)
 
     def text(self, name: str) -> str:
         """A text that is not empty."""
         value = self._get((name,))[1]
         if not isinstance(value, str) or not value:
-            self._refuse(name, "a text")
+            self.refuse(name, "a text")
         return str(value)
 
     def member(self, name: str, known: Container[int], where: str) -> int:
         """An id that is known."""
         value = self.count(name)
         if value not in known:
-            self._refuse(name, f"the id of one of the {where}")
+            self.refuse(name, f"the id of one of the {where}")
         return value
 
     def box(self, name: str) -> list[float]:
@@ -71,7 +75,7 @@ class Record(NamedTuple):
             or not all(map(_is_number, value))
             or min(value[2:]) < _SMALLEST
         ):
-            self._refuse(name, "four finite numbers x, y, w, h with w and h positive")
+            self.refuse(name, "four finite numbers x, y, w, h with w and h positive")
         return [float(side) for side in value]
 
     def _get(self, names: tuple[str, ...]) -> tuple[str, Any]:
@@ -80,10 +84,11 @@ class Record(NamedTuple):
                 return name, self.fields[name]
         raise ValueError(f"{self.where} has no {' or '.join(names)}")
 
-    def _refuse(self, name: str, expected: str) -> NoReturn:
-        text = json.dumps(self.fields[name], ensure_ascii=False)
-        short = text if len(text) <= 60 else f"{text[:60]}..."
-        raise ValueError(f"{self.where}.{name} is {short}: expected {expected}")
+    def refuse(self, name: str, expected: str) -> NoReturn:
+        """Raise ValueError: the field is there, but not what was expected."""
+        raise ValueError(
+            f"{self.where}.{name} is {_SHORT.repr(self.fields[name])}: expected {expected}"
+        )
 
 
 def load(path: Path) -> dict[str, Any]:

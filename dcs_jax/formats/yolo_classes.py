@@ -2,11 +2,11 @@
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from dcs_jax.formats.records import Record
-from dcs_jax.formats.tracks import check_size
 
 DATA, CLASSES = "data.yaml", "classes.txt"
 
@@ -22,7 +22,7 @@ class Facts(NamedTuple):
 
     def label(self, number: int) -> str:
         """The name of a class, or its number."""
-        return self.names.get(number, str(number))
+        return self.names.get(number) or str(number)
 
 
 def facts_of(path: Path) -> Facts:
@@ -50,22 +50,25 @@ def lines_of(file: Path) -> list[str]:
 
 
 def _names(record: Record) -> dict[int, str]:
-    found = record.fields.get("names", {})
+    found = record.fields.get("names")
     pairs: Any = enumerate(found) if isinstance(found, list) else ()
     if isinstance(found, dict):
         pairs = found.items()
-    try:
-        return {int(number): str(name) for number, name in pairs if str(name)}
-    except ValueError:
-        raise ValueError(
-            f"{record.where}.names must be a list of names, or numbers and names"
-        ) from None
+    names = {}
+    for number, name in pairs:
+        # YAML makes a number, or a truth value, of some names.
+        if not isinstance(name, (str, int, float)) or not re.fullmatch("[0-9]{1,9}", str(number)):
+            record.refuse("names", "a list of names, or numbers with names")
+        names[int(number)] = str(name)
+    return names
 
 
 def _size(record: Record) -> tuple[int, int]:
-    check_size(record.fields["size"])
-    width, height = record.fields["size"]
-    return int(width), int(height)
+    found = record.fields["size"]
+    whole = isinstance(found, list) and len(found) == 2 and all(type(n) is int for n in found)
+    if not whole or min(found) < 1:
+        record.refuse("size", "a width and a height in pixels")
+    return found[0], found[1]
 
 
 def _load_yaml(file: Path) -> dict[str, Any]:
