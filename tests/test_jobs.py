@@ -1,7 +1,6 @@
 """What a batch is made of: frames shared by readers, and work that is repeated where it fails."""
 
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from dcs_jax.jobs.shared import SharedFrames
 class Numbers(FrameSource):
     """Frames that hold their index, each decoded once."""
 
-    path, shape, start = Path("numbers"), (1, 1, 3), 0
+    name, shape, start = "numbers", (1, 1, 3), 0
 
     def __init__(self, length):
         self._frames = range(length)

@@ -154,7 +154,7 @@ def test_updates_compile_once(clip, traces):
         (lambda t, f: setattr(t, "state", 3), "must be a dcs_jax.State, but is 3"),
         (lambda t, f: dcs_jax.Tracker(config="paper"), "must be a dcs_jax.Config"),
         (lambda t, f: dcs_jax.Tracker(seed=-1), "seed must be an integer of at least 0"),
-        (lambda t, f: dcs_jax.Tracker(seed=2**32), "below 4294967296"),
+        (lambda t, f: dcs_jax.Tracker(seed=2**32), "and at most 4294967295"),
         (lambda t, f: dcs_jax.Tracker(order="brg"), "order must be one of 'rgb', 'bgr'"),
     ],
 )

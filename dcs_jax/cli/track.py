@@ -15,6 +15,7 @@ from rich.text import Text
 import dcs_jax
 from dcs_jax import formats
 from dcs_jax.checks import check_box
+from dcs_jax.cli.environment import uninterrupted
 from dcs_jax.cli.errors import INTERRUPTED, warn
 from dcs_jax.cli.outputs import TABLE, Outputs
 from dcs_jax.cli.progress import bar
@@ -254,10 +255,11 @@ def _run(
         task = progress.add_task("tracking", total=frames.length)
         try:
             for chunk in stream:
-                if save_to is not None:
-                    slots = [slot for slot, active in enumerate(chunk.active) if active]
-                    states = {names[slot] or "": stream.state(slot) for slot in slots}
-                outputs.write(chunk)
+                with uninterrupted():
+                    if save_to is not None:
+                        slots = [slot for slot, active in enumerate(chunk.active) if active]
+                        states = {names[slot] or "": stream.state(slot) for slot in slots}
+                    outputs.write(chunk)
                 progress.advance(task, len(chunk.frames))
         except BrokenSource as error:
             kept = f"; what was tracked is in {outputs.path}" if outputs.count else ""

@@ -5,12 +5,13 @@ separated by commas, tabs or blanks. NaN, or neither width nor height, where it 
 """
 
 import csv
+import io
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,15 +125,12 @@ class BoxWriter:
 
         Raises ValueError where another run is writing the file, OSError where it cannot be written.
         """
-        # Not emptied before it is ours.
-        self._file = Path(path).open("a", encoding="utf-8", newline="", errors="surrogateescape")  # noqa: SIM115
+        self._path, self._names = Path(path), names
+        self._file = self._path.open("ab", buffering=0)  # not emptied before it is ours
         lock(self._file)
-        if self._file.seekable():  # not a pipe
+        if self._path.is_file():  # no pipe
             self._file.truncate(0)
-        self._table = csv.writer(self._file, lineterminator="\n")
-        self._names = names
-        self._table.writerow(RESULT_COLUMNS if names is None else ("id", *RESULT_COLUMNS))
-        self._file.flush()
+        self._append([RESULT_COLUMNS if names is None else ("id", *RESULT_COLUMNS)])
 
     def write(
         self, boxes: ArrayLike, confidence: ArrayLike, lost: ArrayLike, frames: Sequence[int]
@@ -147,10 +145,23 @@ class BoxWriter:
             for number, one in enumerate(of_all)
             for place, *row in result_rows(*one, 0)
         ]
-        for place, number, row in sorted(rows, key=itemgetter(0, 1)):
-            name = () if self._names is None else (self._names[number],)
-            self._table.writerow((*name, frames[place], *row))
-        self._file.flush()
+        names = [()] if self._names is None else [(name,) for name in self._names]
+        self._append(
+            (*names[number], frames[place], *row)
+            for place, number, row in sorted(rows, key=itemgetter(0, 1))
+        )
+
+    def _append(self, rows: Iterable[Iterable[Any]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        # Names need not be in UTF-8, as those of files.
+        rest = memoryview(text.getvalue().encode(errors="surrogateescape"))
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._file.close()
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
 
     def __enter__(self) -> Self:
         return self

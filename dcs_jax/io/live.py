@@ -9,7 +9,8 @@ import sys
 import threading
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import av
@@ -82,27 +83,38 @@ class StreamSource(FrameSource):
         self.positions: deque[int] = deque()
         self._most = most
         self._patience = patience
-        self._begun = False
+        self._begun = self._ended = False
 
     def _look(self) -> None:
         """Wait for the first frame, which says the shape."""
-        arriving = self._arrive()
+        self._source = arriving = self._arrive()
         first = next(arriving, None)
         if first is None:
             raise ValueError(f"{self.name} gives no frame: expected a camera or a video stream")
         rows, columns, _ = first().shape
         self.shape = (rows, columns, 3)
         numbered = enumerate(itertools.chain([first], arriving))
-        self._arriving = _newest(numbered, self._patience) if self.live else numbered
+        self._arriving = self._newest(numbered) if self.live else numbered
 
     @abstractmethod
-    def _arrive(self) -> Iterator[Convert]:
-        """Every frame, as soon as it is there, converted when called; raises where it fails."""
+    def _arrive(self) -> Generator[Convert]:
+        """Every frame, as soon as it is there, converted when called; raises where it fails.
+
+        Closes what it reads from.
+        """
 
     def __iter__(self) -> Iterator[Image]:
         if self._begun:
             raise ValueError(f"{self.name} can be read once only: it is no file")
         self._begun = True
+        try:
+            yield from self._taken()
+        finally:
+            self._ended = True
+            if not self.live:  # else the thread that reads closes it
+                self._source.close()
+
+    def _taken(self) -> Iterator[Image]:
         first = position = None
         taken = 0
         while self._most is None or taken < self._most:
@@ -126,46 +138,46 @@ class StreamSource(FrameSource):
             self.dropped = position - first + 1 - taken
             yield image
 
+    def _newest(self, numbered: Iterator[tuple[int, Convert]]) -> Iterator[tuple[int, Convert]]:
+        """The newest frame whenever one is taken; a thread lets go of the others from now on.
 
-def _newest(
-    numbered: Iterator[tuple[int, Convert]], patience: float
-) -> Iterator[tuple[int, Convert]]:
-    """The newest frame whenever one is taken; a thread lets go of the others from now on.
+        TimeoutError where none comes for too long.
+        """
+        arrived = threading.Condition()
+        newest: deque[tuple[int, Convert]] = deque(maxlen=1)
+        ended: list[Exception | None] = []
 
-    TimeoutError where none comes for so many seconds.
-    """
-    arrived = threading.Condition()
-    newest: deque[tuple[int, Convert]] = deque(maxlen=1)
-    ended: list[Exception | None] = []
-
-    def watch() -> None:
-        error = None
-        try:
-            for frame in numbered:
-                with arrived:
-                    newest.append(frame)
-                    arrived.notify()
-        except Exception as raised:
-            error = raised
-        with arrived:
-            ended.append(error)
-            arrived.notify()
-
-    def take() -> Iterator[tuple[int, Convert]]:
-        while True:
+        def watch() -> None:
+            error = None
+            try:
+                for frame in numbered:
+                    with arrived:
+                        newest.append(frame)
+                        arrived.notify()
+                    if self._ended:
+                        break
+                self._source.close()
+            except Exception as raised:
+                error = raised
             with arrived:
-                if not arrived.wait_for(lambda: newest or ended, patience):
-                    raise TimeoutError(f"no frame for {patience:g} s")
-                if not newest:
-                    if ended[0] is not None:
-                        raise ended[0]
-                    return
-                frame = newest.popleft()
-            yield frame
+                ended.append(error)
+                arrived.notify()
 
-    # A camera may never answer: the thread does not keep the process from ending.
-    threading.Thread(target=watch, name="dcs_jax.live", daemon=True).start()
-    return take()
+        def take() -> Iterator[tuple[int, Convert]]:
+            while True:
+                with arrived:
+                    if not arrived.wait_for(lambda: newest or ended, self._patience):
+                        raise TimeoutError(f"no frame for {self._patience:g} s")
+                    if not newest:
+                        if ended[0] is not None:
+                            raise ended[0]
+                        return
+                    frame = newest.popleft()
+                yield frame
+
+        # A camera may never answer: the thread does not keep the process from ending.
+        threading.Thread(target=watch, name="dcs_jax.live", daemon=True).start()
+        return take()
 
 
 class EncodedSource(StreamSource):
@@ -176,23 +188,28 @@ class EncodedSource(StreamSource):
         protocol = source.partition("://")[0].lower() if "://" in source else ""
         self.live = protocol in _LIVE_PROTOCOLS
         options: dict[str, Any] = {} if raw is None else _raw_options(raw)
+        self._files = ExitStack()
         if protocol:
             options["timeout"] = patience
             address: Any = source
         else:
             # Opened here: FFmpeg would open a pipe a second time to look what it holds.
-            address = sys.stdin.buffer if source == "-" else open(source, "rb")  # noqa: SIM115
+            named = sys.stdin.fileno() if source == "-" else source
+            address = self._files.enter_context(open(named, "rb", closefd=source != "-"))
         if self.live:
             options["options"] = _AT_ONCE
         expected = "an encoded video, or --raw" if not protocol else "the address of a video stream"
-        self._container = open_container(self.name, address, expected, **options)
-        self._stream = video_stream(self.name, self._container)
-        if self.live:
-            self._stream.thread_type = "SLICE"  # threads for whole frames give each one late
-        self.fps = frame_rate(self._stream)
-        self._look()
+        with self._files:
+            container = open_container(self.name, address, expected, **options)
+            self._container = self._files.enter_context(container)
+            self._stream = video_stream(self.name, self._container)
+            if self.live:
+                self._stream.thread_type = "SLICE"  # threads for whole frames give each one late
+            self.fps = frame_rate(self._stream)
+            self._look()
+            self._files = self._files.pop_all()  # open, unless something failed
 
-    def _arrive(self) -> Iterator[Convert]:
+    def _arrive(self) -> Generator[Convert]:
         lacking = 0
 
         def failed() -> None:
@@ -205,6 +222,8 @@ class EncodedSource(StreamSource):
                 yield functools.partial(to_rgb, frame)
         except av.error.ExitError:
             raise TimeoutError(f"no data for {self._patience:g} s") from None
+        finally:
+            self._files.close()
         if lacking:
             self.notes.append(lacking_note(self.name, lacking))
 
@@ -225,12 +244,15 @@ class CameraSource(StreamSource):
         self.fps = self._capture.get(cv2.CAP_PROP_FPS) or FOLDER_FPS
         self._look()
 
-    def _arrive(self) -> Iterator[Convert]:
-        while True:
-            good, image = self._capture.read()
-            if not good:
-                raise OSError("it gives no more frames")
-            yield functools.partial(_to_rgb, image)
+    def _arrive(self) -> Generator[Convert]:
+        try:
+            while True:
+                good, image = self._capture.read()
+                if not good:
+                    raise OSError("it gives no more frames")
+                yield functools.partial(_to_rgb, image)
+        finally:
+            self._capture.release()
 
 
 def _to_rgb(bgr: NDArray[Any]) -> Image:

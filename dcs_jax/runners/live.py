@@ -13,12 +13,13 @@ from dcs_jax.checks import check_box, check_choice, check_count, check_frame
 from dcs_jax.config import Config, resolve_all
 from dcs_jax.runners.sequence import init_track
 from dcs_jax.runners.slots import Slots
+from dcs_jax.runners.stream import MOST_SLOTS
 from dcs_jax.types import BoxLike, State, StepInfo
 
 Order = Literal["rgb", "bgr"]
 Box = tuple[float, float, float, float]
 
-_MOST_SEEDS = 2**32
+_LARGEST_SEED = 2**32 - 1
 
 
 class Result(NamedTuple):
@@ -157,7 +158,7 @@ class MultiTracker:
         order: Order = "rgb",
     ) -> None:
         """slots: tracks that there can be at a time. The others as for `Tracker`."""
-        check_count("slots", slots)
+        slots = check_count("slots", slots, most=MOST_SLOTS)
         self._seed = _checked(config, seed, order)
         self._config, self._order, self._size = config, order, slots
         self._slots: Slots | None = None
@@ -241,9 +242,7 @@ def as_frame(frame: Any, order: Order = "rgb") -> NDArray[np.uint8]:
 def _checked(config: Config, seed: int, order: Order) -> int:
     if not isinstance(config, Config):
         raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
-    check_count("seed", seed, least=0)
-    if seed >= _MOST_SEEDS:
-        raise ValueError(f"seed must be below {_MOST_SEEDS}, but is {seed}")
+    seed = check_count("seed", seed, least=0, most=_LARGEST_SEED)
     check_choice("order", order, ("rgb", "bgr"))
     return seed
 
