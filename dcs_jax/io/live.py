@@ -195,7 +195,8 @@ class EncodedSource(StreamSource):
         else:
             # Opened here: FFmpeg would open a pipe a second time to look what it holds.
             named = sys.stdin.fileno() if source == "-" else source
-            address = self._files.enter_context(open(named, "rb", closefd=source != "-"))
+            pipe = open(named, "rb", closefd=source != "-")  # noqa: SIM115 (closed with the rest)
+            address = self._files.enter_context(pipe)
         if self.live:
             options["options"] = _AT_ONCE
         expected = "an encoded video, or --raw" if not protocol else "the address of a video stream"
