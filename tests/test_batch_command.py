@@ -14,9 +14,11 @@ import jax
 import numpy as np
 import pytest
 from data_sets import write_images, write_otb, write_video
+from ffmpeg import write_plain
 from typer.testing import CliRunner
 
 import dcs_jax
+from dcs_jax import formats
 from dcs_jax.cli import app
 from dcs_jax.io.frames import open_source
 from dcs_jax.synthetic import render
@@ -168,6 +170,82 @@ def test_what_is_finished_is_skipped_and_what_has_changed_is_tracked_again(
         changed = run(manifest, "--out", out, *SMALL, *change)
         assert changed.stdout.startswith("3 tracked again"), changed.output
     assert len(results(out)) == 5
+
+
+def test_files_of_boxes_in_another_format(manifest, videos, tmp_path):
+    out = tmp_path / "out"
+    assert run(manifest, "--out", out, *SMALL).exit_code == 0
+    tables = results(out)
+    for format in ("mot", "cvat", "yolo"):
+        result = run(manifest, "--out", tmp_path / format, "--format", format, *SMALL)
+        assert result.exit_code == 0, result.output
+        index = {row["id"]: row["file"] for row in rows_of(tmp_path / format / "results.csv")}
+        assert index.keys() == tables.keys()
+        found = formats.read(tmp_path / format / index["toy"], format)
+        (track,) = found.objects
+        held = tables["toy"][:, 6] == 0
+        np.testing.assert_allclose(track.boxes[0], tables["toy"][held][0, 1:5], atol=1e-3)
+        again = run(manifest, "--out", tmp_path / format, "--format", format, *SMALL)
+        assert "5 targets finished" in again.stdout
+
+
+def test_names_of_any_length_and_encoding(clip, tmp_path):
+    names = [os.fsencode("字" * 83) + b".mp4", b"vid\xe9o.mp4", b"2024-11-14T10:30:00.mp4"]
+    write_plain(tmp_path / "plain.mp4", clip.frames[:5])
+    rows = [b"source,box"]
+    for name in names:
+        path = os.fsencode(tmp_path) + b"/" + name
+        with open(path, "wb") as file:
+            file.write((tmp_path / "plain.mp4").read_bytes())
+        rows.append(name + b',"%s"' % ",".join(map(str, clip.boxes[0].tolist())).encode())
+    (tmp_path / "manifest.csv").write_bytes(b"\n".join(rows))
+    result = run(tmp_path / "manifest.csv", "--out", tmp_path / "out", *SMALL)
+    assert result.exit_code == 0, result.output
+    files = list((tmp_path / "out" / "boxes").iterdir())
+    assert len(files) == 3
+    assert all(len(file.read_text().splitlines()) == 6 for file in files)
+    assert b"vid\xe9o.mp4" in (tmp_path / "out" / "results.csv").read_bytes()
+    again = run(tmp_path / "manifest.csv", "--out", tmp_path / "out", *SMALL)
+    assert "3 targets finished" in again.stdout
+
+
+def test_what_is_finished_is_in_the_index_after_sigkill(clip, tmp_path, start_process):
+    """And the next run clears away what the killed one had begun, and finishes."""
+    for number in range(12):
+        write_plain(tmp_path / f"{number}.mp4", np.concatenate([clip.frames] * 2))
+    rows = [row(f"{number}.mp4", clip.boxes[0], id=str(number)) for number in range(12)]
+    manifest = write_manifest(tmp_path / "manifest.csv", *rows)
+    out = tmp_path / "out"
+    process = start_process(str(manifest), "--out", str(out), "--workers", "1", *SMALL)
+
+    def finished():
+        return len(rows_of(out / "results.csv")) if (out / "results.csv").exists() else 0
+
+    wait_for(lambda: finished() >= 3, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    index = rows_of(out / "results.csv")
+    assert 3 <= len(index) < 12
+    assert {f"boxes/{p.name}" for p in (out / "boxes").glob("*.csv")} >= {r["file"] for r in index}
+    (out / "boxes" / ".half.part").write_text("half")
+    result = run(manifest, "--out", out, *SMALL)
+    assert result.exit_code == 0, result.output
+    assert results(out).keys() == set(map(str, range(12)))
+    assert not list(out.rglob("*.part"))
+
+
+def test_a_folder_has_one_run(clip, tmp_path, start_process):
+    write_plain(tmp_path / "long.mp4", np.concatenate([clip.frames] * 40))
+    manifest = write_manifest(tmp_path / "manifest.csv", row("long.mp4", clip.boxes[0]))
+    process = start_process(str(manifest), "--out", str(tmp_path / "out"), *SMALL)
+    wait_for(lambda: (tmp_path / "out" / "results.csv").exists(), process)
+    result = run(manifest, "--out", tmp_path / "out", "--seed", 3, *SMALL)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "the same command continues" in errors
+    assert result.exit_code == 2
+    assert "is in use by another run" in result.stderr
 
 
 def test_a_new_file_of_the_same_name_is_tracked_again(clip, tmp_path):

@@ -73,6 +73,9 @@ def test_errors_name_line_and_column(tmp_path, text, message):
 
 def test_a_file_that_is_not_text(tmp_path):
     path = tmp_path / "manifest.csv"
-    path.write_bytes(b"source,box\n\xff\xfe\n")
+    path.write_bytes(b'source,box\n\xff\xfe,"1,2,30,40"\n')
+    with pytest.raises(ValueError, match=r"manifest\.csv, line \d is not CSV in UTF-8"):
+        read_manifest(path)
+    path.write_bytes(b'source,box,id\na,"1,2,30,40",\xff\n')
     with pytest.raises(ValueError, match=r"manifest\.csv, line \d is not CSV in UTF-8"):
         read_manifest(path)

@@ -10,7 +10,7 @@ from dcs_jax.cli.progress import WorkBar
 from dcs_jax.cli.track import Preset
 from dcs_jax.compilation import cache
 from dcs_jax.evaluation.settings import with_changes
-from dcs_jax.jobs.results import FAILED, INDEX
+from dcs_jax.jobs.results import FAILED, INDEX, TABLE, FormatName
 from dcs_jax.jobs.run import RETRIES, Batch, BatchWatch, EngineName, run_batch
 
 SHOWN = 10  # reasons printed; all of them are in the file
@@ -50,6 +50,7 @@ def batch(
     retries: Annotated[
         int, typer.Option(min=0, help="Number of times that a failed video is tried again.")
     ] = RETRIES,
+    format: Annotated[FormatName, typer.Option(help="Format of the files of boxes.")] = TABLE,
 ) -> None:
     """Track every target of a manifest; finished videos are skipped, failed ones listed.
 
@@ -68,6 +69,7 @@ def batch(
             engine=engine,
             workers=workers,
             retries=retries,
+            format=format,
             watch=bar,
         )
     _report(done)

@@ -7,6 +7,7 @@ optionally `start`, `end` and `id`.
 import csv
 import math
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from dcs_jax.checks import SMALLEST_SIDE
 from dcs_jax.io.annotations import parse_numbers
 
 SIDES = ("x", "y", "w", "h")
+_BYTES = re.compile("[\udc80-\udcff]")  # that are not UTF-8
 OPTIONAL = ("start", "end", "id")
 
 
@@ -56,7 +58,8 @@ def read_manifest(path: str | Path) -> list[Target]:
     path = Path(path)
     targets: list[Target] = []
     lines: dict[str, int] = {}  # of every id
-    with open(path, newline="", encoding="utf-8-sig") as file:
+    # Names of files need not be UTF-8; everything else is, and is checked below.
+    with open(path, newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
         table = csv.reader(file, skipinitialspace=True)
         try:
             header = [name.strip() for name in next(table, [])]
@@ -71,12 +74,13 @@ def read_manifest(path: str | Path) -> list[Target]:
                         f"{len(header)} columns; a box in one cell needs quotes"
                     )
                 row = _Row(path, line, dict(zip(header, map(str.strip, cells), strict=True)))
+                row.check_encoding()
                 target = row.target(len(targets) + 1)
                 if target.id in lines:
                     raise row.wrong("id", f"a name of its own, but line {lines[target.id]} has it")
                 lines[target.id] = line
                 targets.append(target)
-        except (csv.Error, UnicodeDecodeError) as error:
+        except csv.Error as error:
             raise ValueError(
                 f"{path}, line {table.line_num} is not CSV in UTF-8: {error}"
             ) from None
@@ -118,12 +122,24 @@ class _Row:
             f"expected {expected}"
         )
 
+    def check_encoding(self) -> None:
+        """ValueError where a cell is not UTF-8, unless it is the name of a file that is there."""
+        for column, cell in self._cells.items():
+            if _BYTES.search(cell) and not (column == "source" and os.path.exists(self._source())):
+                raise ValueError(
+                    f"{self._path}, line {self._line} is not CSV in UTF-8: the column {column} is "
+                    f"{cell!r}"
+                )
+
+    def _source(self) -> str:
+        # Not resolved: a link keeps its name, and a million rows need no access to the disk.
+        return os.path.normpath(self._path.parent.absolute() / self._cells["source"])
+
     def target(self, number: int) -> Target:
         """The target of row `number`."""
         if not self._cells["source"]:
             raise self.wrong("source", "a video file or a folder of images")
-        # Not resolved: a link keeps its name, and a million rows need no access to the disk.
-        source = os.path.normpath(self._path.parent.absolute() / self._cells["source"])
+        source = self._source()
         start = self._count("start", 0) or 0
         end = self._count("end", start + 1)
         return Target(self._cells.get("id") or str(number), source, self._box(), start, end)

@@ -1,6 +1,6 @@
 """The results of a batch on disk.
 
-    boxes/VIDEO-SOURCE-DIGEST.csv  one row per frame of each target of a video
+    boxes/VIDEO-SOURCE-DIGEST.csv  one row per frame of each target of a video; or in another format
     results.csv                    id, source and file of every finished target
     failed.csv                     id, source and reason of every failed target, if any
 
@@ -12,12 +12,14 @@ import csv
 import dataclasses
 import io
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import dcs_jax
+from dcs_jax import formats
 from dcs_jax.config import Config
 from dcs_jax.evaluation.provenance import digest
 from dcs_jax.io.annotations import RESULT_COLUMNS, result_rows
@@ -25,26 +27,39 @@ from dcs_jax.io.files import lock, safe_name, write_table
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.video import TargetTrack
 
+FormatName = Literal["csv", "otb", "mot", "cvat", "coco", "yolo"]
+
 FOLDER = "boxes"
 INDEX = "results.csv"
 FAILED = "failed.csv"
 LOCK = ".lock"
+TABLE: FormatName = "csv"
+SUFFIXES = {"otb": "", "mot": ".txt"}  # of a video, which may have several targets
 LONGEST_STEM = 80  # bytes of the video's name in the name of its file
 
 
 class BatchFolder:
     """The folder of a batch's results, made with these settings."""
 
-    def __init__(self, path: str | Path, config: Config, seed: int) -> None:
+    def __init__(
+        self, path: str | Path, config: Config, seed: int, format: FormatName = TABLE
+    ) -> None:
         self.path = Path(path)
-        self._made_with = [dataclasses.asdict(config), seed, dcs_jax.__version__, *RESULT_COLUMNS]
+        self._format, self._suffix = format, SUFFIXES.get(format, formats.FORMATS[format].suffix)
+        self._made_with = [
+            dataclasses.asdict(config),
+            seed,
+            dcs_jax.__version__,
+            *RESULT_COLUMNS,
+            format,
+        ]
         # Computed before the video is tracked: if its file changes meanwhile, it is not finished.
         self._names: dict[Video, str] = {}
         # Listed once: a million single queries to the disk would take longer.
         self._files: dict[str, set[str]] = {}  # names of files, by the part for their source
         boxes = self.path / FOLDER
         for name in os.listdir(boxes) if boxes.is_dir() else ():
-            if name.endswith(".csv") and not name.startswith("."):
+            if not name.startswith("."):
                 self._files.setdefault(name.rpartition("-")[0], set()).add(name)
 
     def file_of(self, video: Video) -> str:
@@ -64,18 +79,32 @@ class BatchFolder:
         """Whether the source has results, but of other targets, settings or content."""
         return bool(self._files.get(_source_part(video.source))) and not self.has(video)
 
-    def write(self, video: Video, tracks: Iterable[TargetTrack]) -> None:
-        """Store the tracks of the video's targets; other results of its source are removed."""
+    def write(
+        self, video: Video, tracks: Iterable[TargetTrack], size: tuple[int, int] | None = None
+    ) -> None:
+        """Store the tracks of the video's targets; other results of its source are removed.
+
+        size: width and height of its frames, which some formats need.
+        """
         name = self._name(video)
-        rows = (
-            (target.id, *row)
-            for target, track in zip(video.targets, tracks, strict=True)
-            for row in result_rows(*track, target.start)
-        )
-        write_table(self.path / FOLDER / name, ("id", *RESULT_COLUMNS), rows)
+        of_targets = list(zip(video.targets, tracks, strict=True))
+        if self._format == TABLE:
+            rows = (
+                (target.id, *row)
+                for target, track in of_targets
+                for row in result_rows(track.boxes, track.confidence, track.lost, target.start)
+            )
+            write_table(self.path / FOLDER / name, ("id", *RESULT_COLUMNS), rows)
+        else:
+            objects = [
+                formats.ObjectTrack(target.id, target.start, *track) for target, track in of_targets
+            ]
+            clip = formats.Tracks(tuple(objects), size, source=Path(video.source).name)
+            formats.write(self.path / FOLDER / name, clip, self._format)
         others = self._files.setdefault(name.rpartition("-")[0], set())
         for other in others - {name}:
-            (self.path / FOLDER / other).unlink(missing_ok=True)
+            old = self.path / FOLDER / other
+            shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
         others.clear()
         others.add(name)
 
@@ -122,7 +151,7 @@ class BatchFolder:
     def _name(self, video: Video) -> str:
         if video not in self._names:
             depends = digest([self._made_with, video, _content(video.source)])
-            self._names[video] = f"{_source_part(video.source)}-{depends}.csv"
+            self._names[video] = f"{_source_part(video.source)}-{depends}{self._suffix}"
         return self._names[video]
 
 

@@ -7,11 +7,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from dcs_jax import formats
 from dcs_jax.checks import check_choice, check_count
 from dcs_jax.config import Config
 from dcs_jax.jobs.engines import Engine, LocalEngine, OnFrames, RayEngine, WorkResult
 from dcs_jax.jobs.manifest import Target, Video, group_by_video, read_manifest
-from dcs_jax.jobs.results import BatchFolder
+from dcs_jax.jobs.results import TABLE, BatchFolder, FormatName
 from dcs_jax.jobs.video import CheckedVideo, check_video, track_video
 
 EngineName = Literal["local", "ray"]
@@ -71,6 +72,7 @@ def run_batch(
     engine: EngineName = "local",
     workers: int | None = None,
     retries: int = RETRIES,
+    format: FormatName = TABLE,
     watch: BatchWatch | None = None,
 ) -> Batch:
     """Track every target of a manifest and write its boxes; a video that is finished is skipped.
@@ -89,6 +91,7 @@ def run_batch(
         engine: "local" for this machine, "ray" for a Ray cluster (see `RayEngine`).
         workers: number of videos (with Ray: tasks) at once, by default one per core.
         retries: number of times that a video that fails is tried again.
+        format: of the files of boxes (see `dcs_jax.formats`).
         watch: receives the progress.
 
     Returns:
@@ -100,6 +103,7 @@ def run_batch(
         OSError: a result cannot be written.
     """
     check_choice("engine", engine, tuple(ENGINES))
+    check_choice("format", format, formats.NAMES)
     if workers is not None:
         check_count("workers", workers)
     targets = read_manifest(manifest) if isinstance(manifest, (str, Path)) else list(manifest)
@@ -108,7 +112,7 @@ def run_batch(
         if target.id in ids:
             raise ValueError(f"the id {target.id!r} is there twice: every target needs its own")
         ids.add(target.id)
-    folder = BatchFolder(out, config, seed)
+    folder = BatchFolder(out, config, seed, format)
     run = _BatchRun(targets, folder, watch or BatchWatch())
     track = functools.partial(track_video, config=config, seed=seed)
     with folder.locked():
@@ -169,8 +173,10 @@ class _BatchRun:
         # As large as pays, but if there is little work, every worker should have its share.
         size = min(engine.batch_frames, work // (BATCHES_PER_WORKER * engine.workers))
         batches = _batches(self._checked, size)
+        shapes = {checked.video: checked.shape for checked in self._checked}
         for result in self._results(engine, track, batches, retries, self._watch.advance):
-            self._folder.write(result.video, result.value)
+            rows, columns, _ = shapes[result.video]
+            self._folder.write(result.video, result.value, (columns, rows))
             self._finish(result.video)
             name = self._folder.file_of(result.video)
             self._folder.add_to_index(result.video.targets, name)
