@@ -428,6 +428,12 @@ NAN = np.array([1, np.nan, 1, np.inf, 1])
         ({"tie": "random"}, "key goes with tie='random' only, but is missing"),
         ({"tie": "random", "key": 3}, r"key must be made by jax\.random\.key"),
         ({"votes": np.ones((2, 5, 3)), "lam": np.ones(3)}, "leading dimensions must broadcast"),
+        (
+            {"tie": "error", "errors": np.ones((2, 3))},
+            r"errors must have .* of the problems, \(\), but has the shape \(2, 3\)",
+        ),
+        ({"labels": jax.random.key(0)}, "labels must be real numbers, but is key"),
+        ({"tol": [[1], [1, 2]]}, "tol must be an array of numbers"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):

@@ -255,7 +255,13 @@ def _select(
             preference = -jnp.arange(columns, dtype=tol.dtype)
         case "error":
             assert errors is not None
-            preference = jnp.broadcast_to(-errors, tied.shape)
+            try:
+                preference = jnp.broadcast_to(-errors, tied.shape)
+            except ValueError:
+                raise ValueError(
+                    f"errors must have leading dimensions that broadcast to those of the problems, "
+                    f"{batch}, but has the shape {errors.shape}"
+                ) from None
         case "random":
             assert key is not None
             preference = jax.random.uniform(key, tied.shape, tol.dtype)
