@@ -1,6 +1,9 @@
 """Where the work of a batch is done: in threads of this process, or in tasks of a Ray cluster.
 
 An engine knows nothing of tracking: it calls a function for every video, and again if that fails.
+
+Do not fork a process that has used JAX: its threads do not exist in the child, which then hangs at
+its first program. Start processes with the method spawn or forkserver, or fork before JAX is used.
 """
 
 import importlib.util
