@@ -34,7 +34,7 @@ def chunks(frames: Iterable[Image], length: int) -> Iterator[NDArray[np.uint8]]:
             broken = error
             break
         if stack is None:
-            stack = _aligned((length, *frame.shape))
+            stack = aligned((length, *frame.shape))
         stack[filled] = frame
         filled += 1
         if filled == length:
@@ -46,7 +46,7 @@ def chunks(frames: Iterable[Image], length: int) -> Iterator[NDArray[np.uint8]]:
         raise broken
 
 
-def _aligned(shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def aligned(shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """An array that JAX reads where it is: others it copies."""
     memory = np.empty(math.prod(shape) + _ALIGNMENT, np.uint8)
     first = -memory.ctypes.data % _ALIGNMENT

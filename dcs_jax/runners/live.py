@@ -1,5 +1,6 @@
 """Tracks frame by frame, as a loop over a camera has them: the habits of OpenCV's trackers."""
 
+import functools
 from typing import Any, Literal, NamedTuple
 
 import cv2
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_choice, check_count, check_frame
 from dcs_jax.config import Config, resolve_all
+from dcs_jax.io.chunks import aligned
 from dcs_jax.runners.sequence import init_track
 from dcs_jax.runners.slots import Slots
 from dcs_jax.runners.stream import MOST_SLOTS
@@ -57,10 +59,11 @@ class Tracker:
         """
         self._config, self._seed = config, _checked(config, seed, order)
         self._order = order
-        self._resolved: Config = config
+        self._numbers: list[jax.Array] = []
+        self._settings: Any = None  # what is static of the settings
         self._state: State | None = None
-        self._info: StepInfo | None = None
-        self._frame: jax.Array | None = None
+        self._row: jax.Array | None = None
+        self._frame: NDArray[np.uint8] | None = None
 
     def init(self, frame: Any, box: BoxLike) -> None:
         """Start the track: learn the object in its first frame.
@@ -86,10 +89,10 @@ class Tracker:
                 f"frame must have the shape of those before it, {self._frame.shape}, but has "
                 f"{image.shape}"
             )
-        self._frame = jax.device_put(image)
-        self._state, self._info = jax.block_until_ready(
-            _step(self._state, self._frame, self._resolved)
-        )
+        self._frame = image
+        # The array of NumPy itself, and numbers that are on the device: what JAX does for others in
+        # Python would take a tenth of the step.
+        self._state, self._row = _step(self._state, image, self._numbers, self._settings)
         result = self.result
         return not result.lost, result.box
 
@@ -103,19 +106,18 @@ class Tracker:
         """
         if frame is None and self._frame is None:
             raise ValueError("the tracker has no track: call init with a frame and a box first")
-        image = self._frame if frame is None else as_frame(frame, self._order)
+        image = as_frame(frame, self._order) if frame is not None else self._frame
         assert image is not None
         check_box(box, image.shape)
         self._begin(image, np.asarray(box, np.float32), jax.random.key(self._seed))
 
     @property
     def result(self) -> Result:
-        if self._info is None:
+        if self._row is None:
             raise ValueError("the tracker has no result: call init with a frame and a box first")
-        box, lost = np.asarray(self._info.box), bool(self._info.lost)
-        x, y, w, h = box.tolist()
-        scores = np.asarray(self._info.part_scores)
-        return Result((x, y, w, h), float(self._info.confidence), lost, scores)
+        x, y, w, h, confidence, lost, *_ = row = np.asarray(self._row).tolist()
+        scores = np.array(row[_SCORES:], np.float32)
+        return Result((x, y, w, h), confidence, bool(lost), scores)
 
     @property
     def state(self) -> State:
@@ -127,15 +129,24 @@ class Tracker:
     def state(self, state: State) -> None:
         if not isinstance(state, State):
             raise ValueError(f"state must be a dcs_jax.State, but is {state!r}")
-        self._resolved = _on_device(self._config.resolve(np.r_[0, 0, state.initial_size]))
+        self._settle(np.r_[0, 0, state.initial_size])
         self._state = state
 
     def _begin(self, image: Any, box: NDArray[np.float32], key: jax.Array) -> None:
-        self._resolved = _on_device(self._config.resolve(box))
-        self._frame = jax.device_put(image)
-        self._state, self._info = jax.block_until_ready(
-            init_track(self._frame, box, key, self._resolved)
-        )
+        config = self._settle(box)
+        self._frame = image
+        self._state, info = init_track(image, box, key, config)
+        self._row = _row(info)
+
+    def _settle(self, box: NDArray[Any]) -> Config:
+        """The settings for a box, whose numbers are then not sent with every frame."""
+        config = self._config.resolve(box)
+        numbers, self._settings = jax.tree.flatten(config)
+        self._numbers = [
+            jnp.asarray(number, jnp.int32 if isinstance(number, int) else jnp.float32)
+            for number in numbers
+        ]
+        return config
 
 
 class MultiTracker:
@@ -235,7 +246,9 @@ def as_frame(frame: Any, order: Order = "rgb") -> NDArray[np.uint8]:
     check_frame(frame)
     image = np.ascontiguousarray(frame)
     if order == "bgr" and image.ndim == 3:
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        rgb = aligned(image.shape)  # of which JAX makes no copy
+        cv2.cvtColor(image, cv2.COLOR_BGR2RGB, rgb)
+        return rgb
     return image
 
 
@@ -247,18 +260,24 @@ def _checked(config: Config, seed: int, order: Order) -> int:
     return seed
 
 
-def _on_device(config: Config) -> Config:
-    """The settings with their numbers as arrays, which are not sent with every frame."""
-    return jax.tree.map(
-        lambda number: jnp.asarray(number, jnp.int32 if isinstance(number, int) else jnp.float32),
-        config,
-    )
-
-
 def _result(rows: StepInfo, slot: int) -> Result:
     x, y, w, h = rows.box[slot, 0].tolist()
     confidence, lost = float(rows.confidence[slot, 0]), bool(rows.lost[slot, 0])
     return Result((x, y, w, h), confidence, lost, np.asarray(rows.part_scores[slot, 0]))
 
 
-_step = jax.jit(tracker.step)
+@functools.partial(jax.jit, static_argnames="settings")
+def _step(
+    state: State, frame: Any, numbers: list[jax.Array], settings: Any
+) -> tuple[State, jax.Array]:
+    """`step`, and what a user sees of it in one array: each one fetched takes 20 us."""
+    state, info = tracker.step(state, frame, jax.tree.unflatten(settings, numbers))
+    return state, _row(info)
+
+
+def _row(info: StepInfo) -> jax.Array:
+    confidence, lost = info.confidence[None], info.lost[None].astype(jnp.float32)
+    return jnp.concatenate([info.box, confidence, lost, info.part_scores])
+
+
+_SCORES = 6  # place of the parts' scores in a row
