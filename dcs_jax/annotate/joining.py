@@ -15,8 +15,8 @@ order of `join`:
 The constants are the best of a few tried on 527 stretches of thirteen sequences, of 4 to 728 frames
 and between keyframes that a person would set. In frames with an overlap of less than 0.5 (0.7) with
 the truth, each sequence with the same weight: 8 % (23 %) of the forward track, 7 % (15 %) of the
-average by distance alone, 2.3 % (8.2 %) of this. Straight lines as a third way to choose, and a cost
-of not arriving at the other keyframe, made it worse.
+average by distance alone, 2.3 % (8.2 %) of this. Straight lines as a third way, and a cost of not
+arriving at the other keyframe, made it worse.
 """
 
 import numpy as np
