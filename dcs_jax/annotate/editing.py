@@ -135,7 +135,7 @@ class Editor:
                     f"frames, but has {np.shape(values)}"
                 )
         if stretch not in self._whole:
-            self._known[stretch] = StretchTrack(*map(np.copy, track))
+            self._known[stretch] = track.copy()
             if complete:
                 self._whole.add(stretch)
             self._lanes.pop(stretch.object, None)
@@ -197,7 +197,8 @@ class Editor:
     def _keep(self, stretch: Stretch, lane: ObjectLane) -> None:
         """Keep what a stored lane says of a stretch."""
         rows = slice(stretch.first, stretch.last + 1)
-        track = StretchTrack(*(np.copy(getattr(lane, name)[rows]) for name in _FIELDS))
+        whole = StretchTrack(lane.boxes, lane.confidence, lane.lost, lane.disagreement)
+        track = whole.rows(rows).copy()
         known = ~np.isnan(track.boxes[:, 0])
         self._known[stretch] = track
         if known.all():

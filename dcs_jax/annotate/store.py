@@ -166,8 +166,11 @@ def _lane(fields: dict[str, Any], length: int) -> ObjectLane:
     for frame, box in fields["keyframes"].items():
         if not 0 <= int(frame) < length:
             raise ValueError(f"a keyframe is in frame {frame} of {length}")
-        x, y, w, h = (None,) * 4 if box is None else box_numbers(box).tolist()
-        keyframes[int(frame)] = Keyframe(None if box is None else (x, y, w, h))
+        keyframe = Keyframe(None)
+        if box is not None:
+            x, y, w, h = box_numbers(box).tolist()
+            keyframe = Keyframe((x, y, w, h))
+        keyframes[int(frame)] = keyframe
     nothing = [math.nan] * 4
     boxes = [nothing if box is None else box for box in fields["boxes"]]
     lane = ObjectLane(

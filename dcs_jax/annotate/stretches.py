@@ -41,6 +41,18 @@ class StretchTrack(NamedTuple):
     lost: NDArray[np.bool_]
     disagreement: NDArray[np.float32]
 
+    def rows(self, rows: slice) -> "StretchTrack":
+        """Some of the frames: views."""
+        return StretchTrack(
+            self.boxes[rows], self.confidence[rows], self.lost[rows], self.disagreement[rows]
+        )
+
+    def copy(self) -> "StretchTrack":
+        """The same in memory of its own."""
+        return StretchTrack(
+            self.boxes.copy(), self.confidence.copy(), self.lost.copy(), self.disagreement.copy()
+        )
+
 
 def unknown(length: int) -> StretchTrack:
     """The track of which nothing is known."""
@@ -49,7 +61,7 @@ def unknown(length: int) -> StretchTrack:
 
 
 def stretches_of(id: int, keyframes: Mapping[int, Keyframe], length: int) -> list[Stretch]:
-    """The stretches of an object, in order of their frames; those without a frame between are left out.
+    """The stretches of an object, in order of their frames; those of keyframes only are left out.
 
     length: number of frames of the clip. Where a keyframe says that the object is not there, no
     stretch follows it.
@@ -71,7 +83,7 @@ def stretches_of(id: int, keyframes: Mapping[int, Keyframe], length: int) -> lis
 def assemble(
     keyframes: Mapping[int, Keyframe], known: Mapping[Stretch, StretchTrack], id: int, length: int
 ) -> StretchTrack:
-    """The object in all frames of the clip, from its keyframes and what is known of its stretches."""
+    """The object in all frames of the clip, from its keyframes and the stretches that are known."""
     whole = unknown(length)
     for stretch in stretches_of(id, keyframes, length):
         if stretch in known:
