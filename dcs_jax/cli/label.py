@@ -1,5 +1,6 @@
 """`dcs-jax label` and `dcs-jax export`: the page in the browser, and what it has made."""
 
+import contextlib
 import secrets
 import webbrowser
 from pathlib import Path
@@ -26,8 +27,7 @@ def label(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Go on from these tracks: another project, or any format "
-            f"({_NAMES}).",
+            help=f"Go on from these tracks: another project, or any format ({_NAMES}).",
             show_default=False,
         ),
     ] = None,
@@ -74,6 +74,7 @@ def label(
     from dcs_jax.label.app import listen, make_app, serve
     from dcs_jax.label.guard import is_loopback
     from dcs_jax.label.opening import open_project
+    from dcs_jax.label.threads import end_process
 
     together = ",".join(changes) if changes else None
     opened = open_project(clip, project, boxes, preset, seed, together)
@@ -95,10 +96,9 @@ def label(
         if browser:
             webbrowser.open(address)
 
-    try:
+    with contextlib.suppress(KeyboardInterrupt):  # which ends it; all is saved
         serve(make_app(opened, token, host, port), listening, started)
-    except KeyboardInterrupt:  # which ends it; all is saved
-        pass
+    end_process()
 
 
 def export(

@@ -129,13 +129,10 @@ class _Video:
         reader = VideoReader(self._source, self._index)
         try:
             for wanted in range(start, end):
-                frame = None
-                for _, frame in reader.frames(wanted):
-                    pass
-                assert frame is not None
+                *_, (_, frame) = reader.frames(wanted)
                 yield frame
         except WrongIndex:
-            raise BrokenSource(f"{self._source.name}: frame {wanted} cannot be decoded", wanted) from None
+            raise self._broken(wanted) from None
         finally:
             reader.close()
 
@@ -151,7 +148,7 @@ class _Video:
         """The frame; None where it was decoded while idle, and another was asked for meanwhile."""
         while True:
             if self._closed or index >= self.length:
-                raise BrokenSource(f"{self._source.name}: frame {index} cannot be decoded", index)
+                raise self._broken(index)
             try:
                 for number, frame in self._reader.frames(index):
                     self._keep(number, frame)
@@ -161,12 +158,13 @@ class _Video:
                         return None
             except WrongIndex:
                 if self._counted:
-                    raise BrokenSource(
-                        f"{self._source.name}: frame {index} cannot be decoded", index
-                    ) from None
+                    raise self._broken(index) from None
                 self._index, self._counted = count_video(self._source), True
                 self._reader = VideoReader(self._source, self._index)
                 self._kept.clear()
+
+    def _broken(self, index: int) -> BrokenSource:
+        return BrokenSource(f"{self._source.name}: frame {index} cannot be decoded", index)
 
     def _keep(self, number: int, frame: VideoFrame) -> None:
         """Keep a frame, and let those go that are the farthest from the place."""

@@ -26,9 +26,7 @@ def export_name(project: Project, format: str) -> str:
     Raises ValueError where there is no such format, or the project has no objects.
     """
     if format not in formats.FORMATS:
-        raise ValueError(
-            f"format must be one of {', '.join(formats.NAMES)}, but is {format!r}"
-        )
+        raise ValueError(f"format must be one of {', '.join(formats.NAMES)}, but is {format!r}")
     if not project.objects:
         raise ValueError("there are no objects to export: draw a box first")
     clip = Path(project.clip)

@@ -65,9 +65,7 @@ class Guard:
             await response(scope, receive, _with_headers(send, host))
             return
         if not self._right(_cookie(headers, self.cookie)):
-            await _refuse(
-                scope, receive, send, "open the address that dcs-jax label has printed"
-            )
+            await _refuse(scope, receive, send, "open the address that dcs-jax label has printed")
             return
         await self._app(scope, receive, _with_headers(send, host))
 
@@ -77,10 +75,10 @@ class Guard:
         origin = headers.get("origin")
         if (origin is None and needs_origin) or (origin not in (None, f"http://{host}")):
             return f"the origin {origin!r} is another site"
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
-            # A link may lead here; without the cookie it leads no further.
-            if headers.get("sec-fetch-mode") != "navigate":
-                return "the request is another site's"
+        foreign = headers.get("sec-fetch-site", "none") not in ("none", "same-origin")
+        # A link may lead here; without the cookie it leads no further.
+        if foreign and headers.get("sec-fetch-mode") != "navigate":
+            return "the request is another site's"
         return None
 
     def _known(self, host: str) -> bool:

@@ -103,4 +103,3 @@ def _index(times: list[int], keys: list[tuple[int, int]], whole: bool) -> VideoI
 
 def _first(keyframe: Keyframe) -> int:
     return keyframe.first
-

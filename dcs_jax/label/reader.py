@@ -104,4 +104,3 @@ class VideoReader:
             number = order.popleft()
             if number != incomplete:
                 yield number, frame
-

@@ -1,19 +1,26 @@
 """Work in a thread that does not keep the process from ending."""
 
 import asyncio
+import contextlib
+import os
+import sys
 import threading
 from collections.abc import Callable
+from typing import TypeVar
+
+_T = TypeVar("_T")
+_NAME = "label: work"
 
 
-async def in_thread[T](work: Callable[[], T]) -> T:
+async def in_thread(work: Callable[[], _T]) -> _T:
     """What `work` returns or raises, done in a daemon thread.
 
     `asyncio.to_thread` is not used: the process waits for its threads, which may be compiling.
     """
     loop = asyncio.get_running_loop()
-    done: asyncio.Future[T] = loop.create_future()
+    done: asyncio.Future[_T] = loop.create_future()
 
-    def settle(result: T | None, error: BaseException | None) -> None:
+    def settle(result: _T | None, error: BaseException | None) -> None:
         if done.cancelled():
             return
         if error is not None:
@@ -27,10 +34,16 @@ async def in_thread[T](work: Callable[[], T]) -> T:
             result = work()
         except BaseException as raised:
             error = raised
-        try:
+        with contextlib.suppress(RuntimeError):  # the server has ended meanwhile
             loop.call_soon_threadsafe(settle, result, error)
-        except RuntimeError:  # the server has ended meanwhile
-            pass
 
-    threading.Thread(target=run, daemon=True, name="label").start()
+    threading.Thread(target=run, daemon=True, name=_NAME).start()
     return await done
+
+
+def end_process() -> None:
+    """End the process now if work is still done in a thread, which would abort with it."""
+    if any(thread.name == _NAME for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
