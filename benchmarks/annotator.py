@@ -17,8 +17,9 @@ A box of a frame in which the tracker says that the object is lost counts as any
 
 A second annotator sees no truth, and goes where `Editor.next_doubtful` sends it: it corrects a box
 that is wrong (an overlap of less than --overlap with the truth), and goes on from the others. It
-ends when it has seen every doubtful frame. Prints how many of its visits were to wrong boxes, and
-the share of frames that are wrong before the first and after the last.
+ends when it has seen every doubtful frame; a box that it has seen it knows. Prints how many of its
+visits were to wrong boxes, and the share of frames that are wrong before the first and after the
+last.
 """
 
 import argparse
@@ -134,19 +135,22 @@ def follow_doubt(sequence: Labelled, filler: Filler, least: float) -> Visits:
     overlaps = _overlaps(sequence, editor, filler)
     before = float((overlaps < least).mean())
     visits = wrong = at = 0
-    seen: set[int] = set()
-    while (place := editor.next_doubtful(at)) is not None:
+    seen: dict[int, NDArray[np.float32]] = {}  # the box that was right
+    passed: set[int] = set()  # since the last correction
+    while (place := editor.next_doubtful(at)) is not None and place[0] not in passed:
         at = place[0]
-        if at in seen:
-            break
+        passed.add(at)
+        box = editor.project.objects[0].boxes[at]
+        if at in seen and np.array_equal(seen[at], box):
+            continue
         visits += 1
         if overlaps[at] < least:
             wrong += 1
             editor.set_keyframe(id, at, sequence.truth[at])
             overlaps = _overlaps(sequence, editor, filler)
-            seen.clear()
+            passed.clear()
         else:
-            seen.add(at)
+            seen[at] = box
     return Visits(visits, wrong, before, float((overlaps < least).mean()))
 
 
