@@ -122,7 +122,8 @@ def test_deep_images_have_the_range_of_the_folder_whichever_is_first(tmp_path, o
 
 def test_a_jpeg_is_the_frame(frames, tmp_path, opened):
     clip = opened(write_plain(tmp_path / "clip.mp4", frames))
-    decoded = cv2.imdecode(np.frombuffer(clip.jpeg(7), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    decoded = cv2.imdecode(np.frombuffer(clip.jpeg(7), np.uint8), cv2.IMREAD_COLOR_RGB)
+    assert decoded is not None
     difference = np.abs(decoded.astype(int) - clip.frame(7))
     assert difference.mean() < 3
 
@@ -130,7 +131,7 @@ def test_a_jpeg_is_the_frame(frames, tmp_path, opened):
 def test_what_can_be_read_of_a_file_that_breaks_off(frames, tmp_path, opened):
     path = _write(tmp_path / "clip.mkv", frames, "-c:v", "libx264", "-g", 10)
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
-    expected = []
+    expected: list[np.ndarray] = []
     with pytest.raises(BrokenSource):
         expected.extend(open_source(path))
     clip = opened(path)

@@ -42,7 +42,8 @@ class VideoReader:
             self._begin(start)
         while True:
             assert self._frames is not None
-            number, frame = next(self._frames, (self._index.length, None))
+            found = next(self._frames, None)
+            number = self._index.length if found is None else found[0]
             if number > self._next and not (number == self._next + 1 and self._fresh):
                 self.close()
                 raise WrongIndex
@@ -55,7 +56,8 @@ class VideoReader:
                 self._begin(start)
                 continue
             self._next, self._fresh = number + 1, False
-            yield number, frame
+            assert found is not None
+            yield found
             if number == index:
                 return
 

@@ -21,11 +21,12 @@ from dcs_jax.annotate.project import ObjectLane
 from dcs_jax.config import Config
 from dcs_jax.label.clip import Clip
 from dcs_jax.label.messages import Message, parse
-from dcs_jax.label.threads import in_thread
+from dcs_jax.label.threads import all_done, in_thread
 from dcs_jax.label.tracking import Tracking
 
 _SAVE_TRACKS = 2.0  # seconds between two saves of what was tracked; an edit is saved at once
 _SAVE_AGAIN = 5.0  # seconds after which a save that failed is tried again
+_END_WITHIN = 3.0  # seconds for tracking to stop; compiling cannot be stopped
 Send = Callable[[Message], None]
 
 
@@ -62,6 +63,7 @@ class Session:
             task.cancel()
         if self._saved < self._version:
             await self._save()
+        await all_done(_END_WITHIN)
         self.clip.close()
 
     def join(self, send: Send) -> None:

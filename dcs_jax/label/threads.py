@@ -5,6 +5,7 @@ import contextlib
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -26,7 +27,7 @@ async def in_thread(work: Callable[[], _T]) -> _T:
         if error is not None:
             done.set_exception(error)
         else:
-            done.set_result(result)
+            done.set_result(result)  # type: ignore[arg-type]
 
     def run() -> None:
         result, error = None, None
@@ -41,9 +42,23 @@ async def in_thread(work: Callable[[], _T]) -> _T:
     return await done
 
 
+async def all_done(seconds: float) -> bool:
+    """Wait until no thread works any more, at most so long: whether none does."""
+    until = time.monotonic() + seconds
+    while working := _working():
+        if time.monotonic() > until:
+            break
+        await asyncio.sleep(0.02)
+    return not working
+
+
+def _working() -> bool:
+    return any(thread.name == _NAME for thread in threading.enumerate())
+
+
 def end_process() -> None:
     """End the process now if work is still done in a thread, which would abort with it."""
-    if any(thread.name == _NAME for thread in threading.enumerate()):
+    if _working():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)

@@ -65,6 +65,7 @@ class Tracking:
             if not stretches <= pending | self._finished():
                 stop.set()
         self._problem = None
+        self._changed()
         self._wake.set()
 
     def pause(self, paused: bool) -> None:
@@ -135,8 +136,7 @@ class Tracking:
         loop = asyncio.get_running_loop()
 
         def on_progress(stretch: Stretch, track: StretchTrack, complete: bool) -> None:
-            copy = StretchTrack(*map(np.copy, track))
-            loop.call_soon_threadsafe(self._fill, stretch, copy, complete)
+            loop.call_soon_threadsafe(self._fill, stretch, track.copy(), complete)
 
         await in_thread(
             lambda: track_stretches(

@@ -113,15 +113,15 @@ export class Timeline {
     const step = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= every);
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "middle";
-    context.fillStyle = dim;
+    const place = this.#x(this.#model.frame + 0.5);
     for (let frame = Math.ceil(this.#from / step) * step; frame < this.#to; frame += step) {
       const x = this.#x(frame + 0.5);
       context.fillStyle = line;
       context.fillRect(x, 17, 1, 7);
       context.fillStyle = dim;
-      if (x < width - 40) context.fillText(frame, x + 4, 12);
+      if (x < width - 40 && Math.abs(x + 12 - place) > 28) context.fillText(frame, x + 4, 12);
     }
-    const x = this.#x(this.#model.frame + 0.5);
+    const x = place;
     const label = String(this.#model.frame);
     context.font = "600 11px system-ui, sans-serif";
     const wide = context.measureText(label).width + 12;

@@ -385,6 +385,7 @@ export class View {
   }
 
   #up(event) {
+    if (this.#drag?.kind !== "pinch") this.#move(event);
     this.#pointers.delete(event.pointerId);
     const drag = this.#drag;
     if (!drag || (drag.kind === "pinch" && this.#pointers.size)) return;
