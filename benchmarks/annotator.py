@@ -158,8 +158,8 @@ def lines(frames: NDArray[np.uint8], seed: int) -> Filler:
     """Straight lines between the boxes; the last one stays."""
 
     def fill(stretch: Stretch) -> StretchTrack:
-        ends = [stretch.left or stretch.right, stretch.right or stretch.left]
-        return _track(np.linspace(*map(np.asarray, ends), stretch.length))
+        first, last = (np.array(box or stretch.left) for box in (stretch.left, stretch.right))
+        return _track(np.linspace(first, last, stretch.length))
 
     return fill
 

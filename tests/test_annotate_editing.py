@@ -110,7 +110,7 @@ def test_all_edits_undone_are_the_start_and_done_again_the_end(made):
 @given(edits)
 def test_pending_never_asks_for_what_is_known(made):
     editor = Editor(project())
-    tracked = set()
+    tracked: set[Stretch] = set()
     for edit in made:
         if edit[0] == "track":
             assert tracked.isdisjoint(editor.pending())
