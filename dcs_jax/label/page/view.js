@@ -116,6 +116,7 @@ export class View {
     }
     document.querySelector("#zoom-level").textContent = `${Math.round(100 * this.#scale)} %`;
     if (shown === null) return;
+    this.#canvas.dataset.frame = shown;
     const chosen = this.#model.chosen;
     for (const object of this.#model.objects.values())
       if (object !== chosen) this.#paintObject(context, object, false);
