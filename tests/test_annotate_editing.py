@@ -233,17 +233,23 @@ def test_a_track_that_is_still_made_is_shown_and_stays_pending():
 
 
 def test_the_next_doubtful_frame_is_the_worst_of_its_stretch_and_comes_around():
-    editor = Editor(project())
+    editor = Editor(project(200))
     id, other = editor.add_object(0, BOX), editor.add_object(0, BOX)
     for stretch in editor.pending():
         track = track_of(stretch, confidence=0.99, disagreement=np.nan)
+        track.confidence[100] = 0.0  # a frame by itself
         if stretch.object == id:
-            track.confidence[[2, 3, 4, 9]] = 0.2, 0.1, 0.2, 0.05
+            track.confidence[30:51] = 0.2
+            track.confidence[150:171] = 0.1
         editor.fill(stretch, track)
-    assert editor.next_doubtful(0) == (3, id)
-    assert editor.next_doubtful(3) == (9, id)
-    assert editor.next_doubtful(9, id) == (3, id)
+    first, _ = editor.next_doubtful(0)
+    second, _ = editor.next_doubtful(first)
+    assert 35 < first < 45
+    assert 155 < second < 165
+    assert editor.next_doubtful(second, id) == (first, id)
     assert editor.next_doubtful(0, other) is None
+    editor.set_keyframe(id, first, None)  # absent from there to the end
+    assert editor.next_doubtful(first) is None
 
 
 def test_an_id_is_never_given_again():

@@ -34,7 +34,7 @@ CHANGE_COST = 1.0
 # Confidence below which a track next to a change over is not sure.
 UNSURE = 0.75
 # How much the size is that on the straight line between the keyframes: the estimate of it is noisy.
-STRAIGHT_SIZE = 0.2
+STRAIGHT_SIZE = 0.3
 # Of the confidence where the tracks do not overlap at all.
 APART = 0.8
 
