@@ -191,6 +191,11 @@ def test_frames_are_those_of_the_clip(client, truth):
         assert np.abs(shown.astype(int) - truth.frames[index]).mean() < 6
 
 
+def test_a_preview_is_there_or_not_yet(client):
+    assert client.get("/preview/3").status_code in (200, 204)
+    assert client.get(f"/preview/{LENGTH}").status_code == 204
+
+
 def test_a_page_is_told_the_clip_and_the_project(client):
     with client.websocket_connect(EVENTS, headers=ORIGIN) as socket:
         told = [socket.receive_json() for _ in range(4)]

@@ -63,6 +63,10 @@ def make_app(opened: Opened, token: str, host: str, port: int) -> Starlette:
             return PlainTextResponse(str(error), 404)
         return Response(content, media_type="image/jpeg")
 
+    async def preview(request: Request) -> Response:
+        content = opened.clip.preview(request.path_params["index"])
+        return Response(content, 200 if content else 204, media_type="image/jpeg")
+
     async def exported(request: Request) -> Response:
         project = sessions[0].editor.project
         try:
@@ -82,6 +86,7 @@ def make_app(opened: Opened, token: str, host: str, port: int) -> Starlette:
         Route("/", page),
         Route("/page/{name}", page),
         Route("/frame/{index:int}", frame),
+        Route("/preview/{index:int}", preview),
         Route("/formats", known_formats),
         Route("/export/{format}", exported),
         WebSocketRoute("/events", events),

@@ -5,6 +5,8 @@ that is looked at, as it comes from the decoder: it is converted when it is aske
 """
 
 import threading
+import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,10 +17,12 @@ from dcs_jax.io.frames import BrokenSource, Image, open_source
 from dcs_jax.io.images import ImageFolder
 from dcs_jax.io.video import VideoFile, to_rgb
 from dcs_jax.label.index import count_video, index_video
+from dcs_jax.label.previews import Previews
 from dcs_jax.label.reader import VideoReader, WrongIndex
 
 JPEG_QUALITY = 90
 CACHE_BYTES = 2**28  # of decoded frames: 80 of 1920 x 1080
+_REST = 0.5  # seconds without a request, after which previews are made
 _AHEAD, _BEHIND = 24, 12  # frames around the last one that are decoded while idle
 
 
@@ -81,6 +85,15 @@ class Clip:
         assert done
         return encoded.tobytes()
 
+    def preview(self, index: int) -> bytes | None:
+        """A small image of the frame as a JPEG file, where it is there at once; else None."""
+        return None if self._video is None else self._video.previews.get(index)
+
+    def set_busy(self, busy: bool) -> None:
+        """Say whether the machine has other work than to prepare what may be asked for."""
+        if self._video is not None:
+            self._video.set_busy(busy)
+
     def close(self) -> None:
         """End its threads; it has no frames any more."""
         if self._video is not None:
@@ -100,7 +113,10 @@ class _Video:
         self._decoding = threading.Lock()
         self._state = threading.Condition()
         self._waiting = 0  # requests
-        self._closed = False
+        self._closed = self._busy = False
+        self._asked = 0.0  # when a frame was asked for
+        self.previews = Previews()
+        self._rest: Iterator[VideoFrame] | None = self.frames(0, self.length)
         threading.Thread(target=self._look_ahead, daemon=True, name="frames").start()
 
     @property
@@ -113,6 +129,7 @@ class _Video:
                 self._step = 1 if index > self._place else -1
             self._place = index
             self._waiting += 1
+            self._asked = time.monotonic()
         try:
             kept = self._kept.get(index)
             if kept is None:
@@ -129,12 +146,18 @@ class _Video:
         reader = VideoReader(self._source, self._index)
         try:
             for wanted in range(start, end):
-                *_, (_, frame) = reader.frames(wanted)
+                ((_, frame),) = deque(reader.frames(wanted), maxlen=1)
+                self.previews.add(wanted, frame)
                 yield frame
         except WrongIndex:
             raise self._broken(wanted) from None
         finally:
             reader.close()
+
+    def set_busy(self, busy: bool) -> None:
+        with self._state:
+            self._busy = busy
+            self._state.notify_all()
 
     def close(self) -> None:
         with self._state:
@@ -174,7 +197,7 @@ class _Video:
             del self._kept[max(self._kept, key=lambda kept: abs(kept - self._place))]
 
     def _look_ahead(self) -> None:
-        """Decode the frames around the place while nothing is asked for."""
+        """While nothing is asked for, decode the frames around the place, then make previews."""
         failed: set[int] = set()
 
         def lacking() -> int | None:
@@ -184,18 +207,39 @@ class _Video:
         while True:
             with self._state:
                 self._state.wait_for(
-                    lambda: self._closed or (not self._waiting and lacking() is not None)
+                    lambda: (
+                        self._closed
+                        or not (self._waiting or (self._rest_waits() and lacking() is None))
+                    ),
+                    None if self._rest is None else _REST,
                 )
                 if self._closed:
                     return
                 index = lacking()
+                idle = not (self._waiting or self._rest_waits())
+            if index is None:
+                if idle:
+                    self._make_preview()
+                continue
             with self._decoding:
-                if index is None or index in self._kept:
+                if index in self._kept:
                     continue
                 try:
                     self._decode(index, idle=True)
                 except ValueError:  # it is reported where it is asked for
                     failed.add(index)
+
+    def _rest_waits(self) -> bool:
+        """Whether no previews are to be made now."""
+        return self._rest is None or self._busy or time.monotonic() < self._asked + _REST
+
+    def _make_preview(self) -> None:
+        assert self._rest is not None
+        try:
+            if self.previews.full or next(self._rest, None) is None:
+                self._rest = None
+        except ValueError:  # it is reported where it is asked for
+            self._rest = None
 
     def _wanted(self) -> list[int]:
         """Frames around the place; the ones that are shown next come first."""

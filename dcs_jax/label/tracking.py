@@ -47,6 +47,7 @@ class Tracking:
 
     async def run(self) -> None:
         """Compile, then track whatever is pending, until `end`."""
+        self._clip.set_busy(True)
         try:
             await in_thread(partial(prepare, self._clip.shape, self._config, self._seed))
         except ValueError as error:
@@ -54,6 +55,7 @@ class Tracking:
         self._compiling = False
         while not self._ended:
             self._start()
+            self._clip.set_busy(bool(self._batches))
             self._changed()
             await self._wake.wait()
             self._wake.clear()

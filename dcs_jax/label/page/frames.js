@@ -10,6 +10,7 @@ export class Frames extends EventTarget {
   #kept = new Map(); // from index to an image, or to the text that says why there is none
   #coming = new Set();
   #step = 1;
+  #small = null; // the preview of a frame that is on its way
   shown = null; // index of the frame that can be seen, whose boxes belong on it
 
   constructor(model) {
@@ -22,6 +23,7 @@ export class Frames extends EventTarget {
 
   get image() {
     const kept = this.#kept.get(this.shown);
+    if (kept === undefined && this.#small?.index === this.shown) return this.#small.image;
     return kept instanceof ImageBitmap ? kept : null;
   }
 
@@ -61,8 +63,23 @@ export class Frames extends EventTarget {
     }
   }
 
+  // A small image of the frame until the whole one is there, which may need many to be decoded.
+  async #preview(index) {
+    try {
+      const response = await fetch(`/preview/${index}`);
+      if (response.status !== 200) return;
+      const image = await createImageBitmap(await response.blob());
+      if (this.#kept.has(index) || this.#model.frame !== index) return;
+      this.#small = { index, image };
+      this.#show(index);
+    } catch {
+      // The whole one is on its way.
+    }
+  }
+
   async #fetch(index) {
     this.#coming.add(index);
+    if (index === this.#model.frame) this.#preview(index);
     try {
       const response = await fetch(`/frame/${index}`);
       const blob = response.ok && (await response.blob());
@@ -74,7 +91,8 @@ export class Frames extends EventTarget {
     // While the place moves on faster than frames come, those on the way are shown.
     const { frame } = this.#model;
     const nearer = Math.abs(index - frame) < Math.abs((this.shown ?? Infinity) - frame);
-    if (this.#kept.has(index) && (index === frame || nearer)) this.#show(index);
+    if (this.#kept.has(index) && index === this.shown) this.dispatchEvent(new Event("shown"));
+    else if (this.#kept.has(index) && (index === frame || nearer)) this.#show(index);
     this.#load();
   }
 

@@ -83,7 +83,8 @@ export class View {
   }
 
   #shown() {
-    if (this.#drag && this.#drag.kind !== "pan") this.#drag = null; // it was on another frame
+    const other = this.#drag && "frame" in this.#drag && this.#drag.frame !== this.#frames.shown;
+    if (other) this.#drag = null;
     this.draw();
   }
 
@@ -334,7 +335,7 @@ export class View {
     }
     if (event.button !== 0) return;
     const under = this.#under(px, py, event.pointerType === "touch");
-    const start = { fx, fy, px, py, moved: false };
+    const start = { frame: this.#frames.shown, fx, fy, px, py, moved: false };
     if (!under) {
       this.#drag = { kind: "draw", id: null, box: null, ...start };
       return;
