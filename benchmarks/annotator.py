@@ -4,9 +4,10 @@
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`, one with a label on every frame, which may
 be in `groundtruth_every_frame.txt`; the others are left out. A simulated annotator draws the first
-box, looks at the worst frame (least overlap with the truth, the first of them), corrects it, and
-goes on until the overlap is at least --overlap in every frame. Its boxes are counted, per 100
-frames, for each way of filling the frames between:
+box, looks at the worst frame (least overlap with the truth), corrects it, and goes on until the
+overlap is at least --overlap in every frame. Where several frames are the worst, as they have no
+overlap at all, it takes the first of them, or that of --tie: straight lines need fewer boxes with
+"last". Its boxes are counted, per 100 frames, for each way of filling the frames between:
 
     lines    straight lines between the boxes, as CVAT has them; the last box stays
     mil      `cv2.TrackerMIL`, forward from every box
@@ -39,6 +40,9 @@ from dcs_jax.evaluation.datasets import find_sequences
 from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.io.annotations import read_boxes
 
+# Of n equal frames, the one that is taken.
+TIES = {"first": lambda n: 0, "middle": lambda n: n // 2, "last": lambda n: n - 1}
+
 Filler = Callable[[Stretch], StretchTrack]
 
 
@@ -70,6 +74,7 @@ def main() -> None:
     parser.add_argument("--sequences", help="names with commas between (default: all)")
     parser.add_argument("--overlap", default="0.5,0.7", help="that is asked of every frame")
     parser.add_argument("--methods", default="lines,mil,forward,both")
+    parser.add_argument("--tie", default="first", choices=TIES, help="of several worst frames")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     cache()
@@ -85,7 +90,9 @@ def main() -> None:
     frames, visits = 0, []
     for sequence in labelled(arguments.root, names):
         fillers = [METHODS[method](sequence.frames, arguments.seed) for method in methods]
-        boxes = np.array([[boxes_drawn(sequence, f, least) for least in asked] for f in fillers])
+        boxes = np.array(
+            [[boxes_drawn(sequence, f, least, arguments.tie) for least in asked] for f in fillers]
+        )
         _row(sequence.name, len(sequence.frames), boxes)
         total, frames = total + boxes, frames + len(sequence.frames)
         if "both" in methods:
@@ -118,12 +125,16 @@ def labelled(roots: Sequence[Path], names: list[str] | None) -> Iterator[Labelle
                 yield Labelled(entry.name, np.stack(list(sequence.frames)), truth)
 
 
-def boxes_drawn(sequence: Labelled, filler: Filler, least: float) -> int:
-    """How many boxes the annotator draws until the overlap is at least this in every frame."""
+def boxes_drawn(sequence: Labelled, filler: Filler, least: float, tie: str = "first") -> int:
+    """How many boxes the annotator draws until the overlap is at least this in every frame.
+
+    tie: which of several worst frames it takes: "first", "middle" or "last".
+    """
     editor, id = _begin(sequence)
     while True:
         overlaps = _overlaps(sequence, editor, filler)
-        worst = int(overlaps.argmin())
+        equal = np.flatnonzero(overlaps == overlaps.min())
+        worst = int(equal[TIES[tie](len(equal))])
         if overlaps[worst] >= least:
             return len(editor.project.objects[0].keyframes)
         editor.set_keyframe(id, worst, sequence.truth[worst])

@@ -1,6 +1,7 @@
 """Follow any box through a video: online boosting with l1-selected classifiers, in JAX.
 
-Only the names here and in the submodules `evaluation`, `jobs` and `synthetic` are stable.
+Only the names here and in the submodules `annotate`, `evaluation`, `jobs` and `synthetic` are
+stable.
 """
 
 from dcs_jax.compilation import cache

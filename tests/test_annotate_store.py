@@ -62,6 +62,7 @@ def test_a_file_that_is_cut_short_is_refused(tmp_path):
         lambda fields: fields.pop("objects"),
         lambda fields: fields.update(length=5),
         lambda fields: fields.update(size=[80]),
+        lambda fields: fields["objects"][0].update(keyframes={"4": None}),
         lambda fields: fields["objects"][0].update(keyframes={"40": None}),
         lambda fields: fields["objects"][0].update(keyframes={"4": [1, 2, 3]}),
         lambda fields: fields["objects"][0].update(boxes=[[1, 2, 3]] * 12),

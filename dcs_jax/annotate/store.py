@@ -171,6 +171,8 @@ def _lane(fields: dict[str, Any], length: int) -> ObjectLane:
             x, y, w, h = box_numbers(box).tolist()
             keyframe = Keyframe((x, y, w, h))
         keyframes[int(frame)] = keyframe
+    if all(keyframe.box is None for keyframe in keyframes.values()):
+        raise ValueError(f"{fields['name']} has no keyframe with a box")
     nothing = [math.nan] * 4
     boxes = [nothing if box is None else box for box in fields["boxes"]]
     lane = ObjectLane(
