@@ -110,7 +110,7 @@ const KEYS = [
   ["↑ ↓", ["ArrowUp"], () => choose(-1), "object before, after"],
   [null, ["ArrowDown"], () => choose(1)],
   ["N", ["n"], () => view.startNew(), "draw a new object"],
-  ["Enter", ["Enter"], () => view.placeNew(), "after N: in the middle"],
+  ["Enter", ["Enter"], () => view.placeNew(), "after N or B: in the middle"],
   ["Alt arrows", ["alt+ArrowLeft"], nudge(-1, 0), "move the box (Shift: by 10)"],
   [null, ["alt+ArrowRight"], nudge(1, 0)],
   [null, ["alt+ArrowUp"], nudge(0, -1)],
@@ -119,6 +119,7 @@ const KEYS = [
   [null, ["ctrl+ArrowRight"], nudge(1, 0)],
   [null, ["ctrl+ArrowUp"], nudge(0, -1)],
   [null, ["ctrl+ArrowDown"], nudge(0, 1)],
+  ["B", ["b"], () => view.startAgain(), "draw the box again (or Shift drag)"],
   ["K", ["k"], keep, "keyframe: the box is right"],
   ["X", ["x"], absent, "not here, up to the next keyframe"],
   ["Backspace", ["Backspace"], unkey, "remove the keyframe"],
@@ -166,11 +167,12 @@ addEventListener("keydown", (event) => {
 
 const BUTTONS = {
   "#play": () => play(), "#back": step(-1), "#forth": step(1), "#first": () => go(0),
-  "#last": () => go(model.clip.length - 1), "#new": () => view.startNew(), "#keep": keep,
+  "#last": () => go(model.clip.length - 1), "#new": () => view.startNew(), "#again": () => view.startAgain(),
+  "#rename": () => panel.rename(model.selected), "#keep": keep,
   "#absent": absent, "#unkey": unkey, "#delete": erase, "#doubtful": doubtful, "#pause": pause,
   "#export": openExports, "#help": openKeys, "#zoom-in": () => view.zoom(1.25),
   "#zoom-out": () => view.zoom(0.8), "#zoom-fit": () => view.fit(),
-}; // prettier-ignore
+};
 for (const [button, act] of Object.entries(BUTTONS)) $(button).addEventListener("click", act);
 
 model.addEventListener("change", ({ detail }) => {

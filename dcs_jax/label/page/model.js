@@ -42,6 +42,10 @@ export class Model extends EventTarget {
     this.dispatchEvent(new CustomEvent("say", { detail: text }));
   }
 
+  quiet() {
+    this.dispatchEvent(new Event("quiet"));
+  }
+
   changed(what) {
     this.dispatchEvent(new CustomEvent("change", { detail: what }));
   }

@@ -22,6 +22,7 @@ export class Panel {
       if (detail === "frame" || detail === "clip") this.#place();
     });
     model.addEventListener("say", ({ detail }) => this.say(detail));
+    model.addEventListener("quiet", () => this.quiet());
     frames.addEventListener("shown", () => this.#states());
     $("#frame").addEventListener("change", (event) => {
       const wanted = Number(event.target.value);

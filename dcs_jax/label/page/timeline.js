@@ -206,12 +206,12 @@ export class Timeline {
         worst = Math.min(worst, Number.isNaN(confidence) ? 1 : confidence);
       }
       if (!known && !lost) continue;
-      const [x, end] = [this.#x(start), this.#x(Math.min(start + step, last))];
+      const [x, end] = [start, Math.min(start + step, last)].map((at) => Math.round(2 * this.#x(at)) / 2);
       context.fillStyle = lost ? colours.hatch : colours.ramp[Math.round(20 * Math.max(0, Math.min(1, worst)))];
-      context.fillRect(x, top + 6, end - x + 0.6, 14);
+      context.fillRect(x, top + 6, end - x, 14);
       if (doubt > DOUBT && !lost) {
         context.fillStyle = colours.doubt;
-        context.fillRect(x, top + 17, end - x + 0.6, 3);
+        context.fillRect(x, top + 17, end - x, 3);
       }
     }
   }

@@ -19,7 +19,7 @@ export class View {
   #drag = null; // what is done with the pointer: { kind, box, ... }
   #sent = null; // an edit that the server has not confirmed: { id, frame, box }
   #hover = null;
-  #new = false; // whether the next drag draws a new object, wherever it begins
+  #mode = null; // what the next drag draws, wherever it begins: a "new" object, or the chosen one "again"
 
   constructor(model, frames) {
     this.#model = model;
@@ -122,7 +122,9 @@ export class View {
     for (const object of this.#model.objects.values())
       if (object !== chosen) this.#paintObject(context, object, false);
     if (chosen) this.#paintObject(context, chosen, true);
-    if (this.#drag?.kind === "draw" && this.#drag.box) this.#paintDrawn(context, this.#drag.box);
+    if (this.#drag?.kind === "draw" && this.#drag.box && this.#drag.id === null)
+      this.#paintDrawn(context, this.#drag.box);
+    else if (chosen && !this.#drag && this.#drawn() !== null) this.#paintHint(context, chosen);
   }
 
   boxOf(object) {
@@ -214,6 +216,25 @@ export class View {
     context.fillText(text, left + 6, y + h + 10);
   }
 
+  // What a drag does, where that is not a new object.
+  #paintHint(context, object) {
+    const text = `Drag where ${object.name} is.   N: a new object`;
+    context.font = "500 12px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    const width = context.measureText(text).width + 34;
+    const left = this.#canvas.clientWidth / 2 - width / 2;
+    context.fillStyle = "rgb(15 18 24 / 82%)";
+    context.beginPath();
+    context.roundRect(left, 10, width, 26, 8);
+    context.fill();
+    context.fillStyle = object.colour;
+    context.beginPath();
+    context.roundRect(left + 9, 18, 10, 10, 3);
+    context.fill();
+    context.fillStyle = "#fff";
+    context.fillText(text, left + 26, 23.5);
+  }
+
   #wrong([x, y, w, h]) {
     const { clip } = this.#model;
     if (w < SMALLEST || h < SMALLEST) return `at least ${SMALLEST} × ${SMALLEST} pixels`;
@@ -235,26 +256,45 @@ export class View {
   // ---- what is done
 
   startNew() {
-    this.#new = !this.#new;
+    this.#start("new", "Drag a box around the new object, or press Enter for one in the middle.");
+  }
+
+  startAgain() {
+    const name = this.#model.chosen?.name;
+    if (name) this.#start("again", `Drag a box around ${name}, or press Enter for one in the middle.`);
+  }
+
+  #start(mode, text) {
+    this.#mode = this.#mode === mode ? null : mode;
     this.#setCursor("crosshair");
-    if (this.#new) this.#model.say("Drag a box around the new object, or press Enter for one in the middle.");
+    if (this.#mode) this.#model.say(text);
+    this.draw();
+  }
+
+  // The object that a drag draws: the chosen one if it has no box here; null for a new one.
+  #drawn(event) {
+    const chosen = this.#model.chosen;
+    if (!chosen || this.#mode === "new") return null;
+    const again = this.#mode === "again" || event?.shiftKey || !this.boxOf(chosen);
+    return again ? chosen.id : null;
   }
 
   // A box in the middle of what is seen, for who has only a keyboard.
   placeNew() {
-    if (!this.#new) return false;
-    this.#new = false;
+    if (!this.#mode) return;
+    const id = this.#drawn();
+    this.#mode = null;
     const { clip } = this.#model;
     const side = Math.max(SMALLEST, Math.round(Math.min(clip.width, clip.height) / 6));
     const x = (this.#canvas.clientWidth / 2 - this.#x) / this.#scale - side / 2;
     const y = (this.#canvas.clientHeight / 2 - this.#y) / this.#scale - side / 2;
-    this.#model.ask("add", { frame: this.#frames.shown, box: [x, y, side, side].map(Math.round) });
-    return true;
+    this.#send(id, [x, y, side, side].map(Math.round));
+    this.draw();
   }
 
   stop() {
-    const busy = this.#new || this.#drag;
-    this.#new = false;
+    const busy = this.#mode || this.#drag;
+    this.#mode = null;
     this.#drag = null;
     this.draw();
     return Boolean(busy);
@@ -293,7 +333,7 @@ export class View {
 
   // What is under a point: a handle of the chosen box, or a box.
   #under(px, py, touch) {
-    if (this.#new) return null;
+    if (this.#mode) return null;
     const reach = touch ? 20 : 8;
     const chosen = this.#model.chosen;
     const box = chosen && this.boxOf(chosen);
@@ -334,10 +374,11 @@ export class View {
       return;
     }
     if (event.button !== 0) return;
-    const under = this.#under(px, py, event.pointerType === "touch");
+    this.#model.quiet();
+    const under = event.shiftKey ? null : this.#under(px, py, event.pointerType === "touch");
     const start = { frame: this.#frames.shown, fx, fy, px, py, moved: false };
     if (!under) {
-      this.#drag = { kind: "draw", id: null, box: null, ...start };
+      this.#drag = { kind: "draw", id: this.#drawn(event), box: null, ...start };
       return;
     }
     this.#model.select(under.object.id);
@@ -393,7 +434,7 @@ export class View {
     if (!drag || (drag.kind === "pinch" && this.#pointers.size)) return;
     this.#drag = null;
     if (drag.box) {
-      this.#new = false;
+      this.#mode = null;
       this.#send(drag.id, drag.box);
     } else if (drag.kind === "draw") this.#model.select(null);
     this.#setCursor("crosshair");
