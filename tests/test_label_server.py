@@ -5,6 +5,7 @@ import json
 import os
 import time
 import zipfile
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,9 +56,9 @@ class Page:
 
     def __init__(self, socket):
         self.socket = socket
-        self.objects: dict[int, dict] = {}
+        self.objects: dict[int, dict[str, Any]] = {}
         self.boxes: dict[int, np.ndarray] = {}
-        self.last: dict[str, dict] = {}
+        self.last: dict[str, dict[str, Any]] = {}
 
     def ask(self, type, **given):
         self.socket.send_text(json.dumps({"type": type, **given}))
@@ -327,7 +328,7 @@ def test_there_is_nothing_to_export_without_objects(client):
 
 
 def test_it_is_as_it_was_when_it_is_opened_again(clip, truth):
-    boxes = []
+    boxes: list[np.ndarray] = []
     for _ in range(2):
         with TestClient(_app(clip), base_url=SITE) as client:
             client.get("/", params={"token": TOKEN})

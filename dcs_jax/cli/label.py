@@ -2,6 +2,7 @@
 
 import contextlib
 import secrets
+import socket
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -82,7 +83,8 @@ def label(
     listening = listen(host, port)
     port = listening.getsockname()[1]
     token = secrets.token_urlsafe(24)
-    address = f"http://{f'[{host}]' if ':' in host else host}:{port}/?token={token}"
+    name = socket.gethostname() if host in ("0.0.0.0", "::") else host
+    address = f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={token}"
     for note in opened.clip.notes:
         warn(note)
     if not is_loopback(host):

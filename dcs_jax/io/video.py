@@ -258,14 +258,16 @@ def _pull(graph: av.filter.Graph) -> Iterator[VideoFrame]:
         yield frame
 
 
-def to_rgb(frame: VideoFrame, **size: int) -> Image:
+def to_rgb(frame: VideoFrame, width: int | None = None, height: int | None = None) -> Image:
     """A frame as it is meant to be shown: [H, W, 3] RGB, turned and mirrored as it is marked.
 
-    size: width and height to which it is made smaller before it is turned; by default it is not.
+    width, height: pixels to which it is scaled before it is turned; by default it is not.
 
     Pixels stay as they are stored, also where they are not meant to be square.
     """
-    image: Image = frame.to_ndarray(format="rgb24", **size).astype(np.uint8, copy=False)
+    image: Image = frame.to_ndarray(format="rgb24", width=width, height=height).astype(
+        np.uint8, copy=False
+    )
     return _oriented(image, frame)
 
 

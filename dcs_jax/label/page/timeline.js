@@ -143,6 +143,7 @@ export class Timeline {
     colours.hatch = hatch(context, colourOf("--hatch"), colours.void);
     colours.doubt = colourOf("--low");
     colours.panel = colourOf("--panel");
+    colours.line = colourOf("--hatch");
     objects.forEach((object, row) => this.#paintLane(context, object, row, colours));
     const x = this.#x(this.#model.frame + 0.5);
     context.fillStyle = colours.text;
@@ -205,8 +206,17 @@ export class Timeline {
         const confidence = object.confidence[frame];
         worst = Math.min(worst, Number.isNaN(confidence) ? 1 : confidence);
       }
-      if (!known && !lost) continue;
-      const [x, end] = [start, Math.min(start + step, last)].map((at) => Math.round(2 * this.#x(at)) / 2);
+      const [x, end] = [start, Math.min(start + step, last)].map(
+        (at) => Math.round(devicePixelRatio * this.#x(at)) / devicePixelRatio,
+      );
+      if (!known && lost) {
+        // Not here: a gap with a thin line.
+        context.fillStyle = colours.panel;
+        context.fillRect(x, top + 6, end - x, 14);
+        context.fillStyle = colours.line;
+        context.fillRect(x, top + 12, end - x, 2);
+      }
+      if (!known) continue;
       context.fillStyle = lost ? colours.hatch : colours.ramp[Math.round(20 * Math.max(0, Math.min(1, worst)))];
       context.fillRect(x, top + 6, end - x, 14);
       if (doubt > DOUBT && !lost) {

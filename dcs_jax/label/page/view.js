@@ -151,7 +151,7 @@ export class View {
     context.strokeRect(x, y, w, h);
     context.setLineDash([]);
     if (chosen) {
-      context.fillStyle = `${object.colour}22`;
+      context.fillStyle = `${object.colour}14`;
       context.fillRect(x, y, w, h);
     }
     this.#paintLabel(context, object, state, x, y, chosen);
