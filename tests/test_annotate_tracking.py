@@ -118,6 +118,25 @@ def test_what_was_tracked_from_a_keyframe_is_not_tracked_again(clip):
     assert not reader.asked
 
 
+def test_what_was_tracked_before_a_stop_is_not_tracked_again(clip):
+    runs, shown = Runs(), []
+    track_stretches(
+        Reader(clip.frames),
+        [stretch_of(clip, 0, LENGTH - 1, right=False)],
+        SMALL_DEFAULT,
+        on_progress=lambda _, track, complete: shown.append(track),
+        stopped=lambda: len(shown) == 3,
+        runs=runs,
+    )
+    count = int(np.isfinite(shown[-1].boxes[:, 0]).sum())
+    assert 9 < count < LENGTH
+    reader = Reader(clip.frames)
+    part = stretch_of(clip, 0, count - 1, right=False)
+    found = track_stretches(reader, [part], SMALL_DEFAULT, runs=runs)
+    assert not reader.asked
+    assert same(found[part], shown[-1].rows(slice(count)))
+
+
 def test_tracking_can_be_stopped_and_what_was_made_was_shown(clip):
     stretch = stretch_of(clip, 0, LENGTH - 1)
     shown = []
