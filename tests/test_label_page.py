@@ -282,6 +282,30 @@ def test_a_box_that_is_too_small_is_refused_where_it_is_drawn(label, tab):
     expect(one.page.locator("#objects li")).to_have_count(0)
 
 
+def test_an_object_that_is_not_here_is_drawn_where_it_comes_back(label, tab, clip, truth):
+    _, address = label()
+    one = tab(address)
+    one.draw(truth.boxes[0])
+    one.state("keyframe")
+    one.go(20)
+    one.press("x")
+    one.state("not here")
+    one.go(30)
+    one.draw(truth.boxes[30])
+    one.state("keyframe")
+    one.press("b")  # once more, inside of its own box
+    x, y, w, h = map(float, truth.boxes[30])
+    one.draw((x + 5, y + 5, w - 10, h - 10))
+    one.tracked()
+    (lane,) = _stored(clip).objects
+    assert sorted(lane.keyframes) == [0, 20, 30]
+    np.testing.assert_allclose(lane.boxes[30], (x + 5, y + 5, w - 10, h - 10), atol=1)
+    assert np.isnan(lane.boxes[20:30]).all()
+    one.press("n")
+    one.draw((x + 5, y + 5, w - 10, h - 10))
+    expect(one.page.locator("#objects li")).to_have_count(2)
+
+
 def test_next_doubtful_goes_where_boxes_are_in_doubt(label, tab, clip, truth):
     _, address = label()
     one = tab(address)

@@ -14,7 +14,7 @@ from dcs_jax.config import Config
 from dcs_jax.label.clip import Clip
 from dcs_jax.label.threads import in_thread
 
-_BATCHES = 2  # at a time: what was drawn meanwhile need not wait for what is long
+_BATCHES = 4  # at a time: what was drawn meanwhile need not wait for what is long
 _RATE_OVER = 3.0  # seconds over which frames per second are counted
 
 
