@@ -11,6 +11,7 @@ from dcs_jax.cli.demo import demo
 from dcs_jax.cli.environment import end_like_ctrl_c, print_any_name, silence_opencv
 from dcs_jax.cli.errors import OneLineErrors
 from dcs_jax.cli.evaluate import evaluate
+from dcs_jax.cli.label import export, label
 from dcs_jax.cli.report import report
 from dcs_jax.cli.track import track
 
@@ -26,6 +27,8 @@ app.command()(evaluate)
 app.command()(report)
 app.command()(batch)
 app.command()(convert)
+app.command()(label)
+app.command()(export)
 
 
 def _show_version(wanted: bool) -> None:

@@ -45,17 +45,29 @@ class ImageFolder(StoredSource):
         self._range: tuple[float, float] | None = None
 
     def __iter__(self) -> Iterator[Image]:
-        for index, path in enumerate(self._images, self.start):
-            try:
-                content = path.read_bytes()
-            except OSError as error:
-                raise BrokenSource(f"{path} (frame {index}): {error.strerror}", index) from error
-            if is_cut_off(content):
-                raise BrokenSource(f"{path} (frame {index}) is cut off", index)
-            image = decode(content)
-            if image is None:
-                raise BrokenSource(f"{path} (frame {index}) cannot be decoded", index)
-            yield image if image.dtype == np.uint8 else self._as_bytes(image)
+        return map(self.read, range(self.start, self.start + self.length))
+
+    def read(self, index: int) -> Image:
+        """The frame of this index; `BrokenSource` where it cannot be read."""
+        image = self._stored(index)
+        if image.dtype == np.uint8:
+            return image
+        if self._range is None and index > self.start:
+            self.read(self.start)  # the range is found with it
+        return self._as_bytes(image)
+
+    def _stored(self, index: int) -> NDArray[Any]:
+        path = self._images[index - self.start]
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise BrokenSource(f"{path} (frame {index}): {error.strerror}", index) from error
+        if is_cut_off(content):
+            raise BrokenSource(f"{path} (frame {index}) is cut off", index)
+        image = decode(content)
+        if image is None:
+            raise BrokenSource(f"{path} (frame {index}) cannot be decoded", index)
+        return image
 
     def _as_bytes(self, image: NDArray[Any]) -> Image:
         """An image of more than 8 bits, the folder's own range of values as 0 to 255."""

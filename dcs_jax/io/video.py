@@ -30,7 +30,10 @@ _ESTIMATED = frozenset(("mpegts", "mpeg"))
 
 
 class VideoFile(StoredSource):
-    """A video file that FFmpeg can decode. See `open_source`."""
+    """A video file that FFmpeg can decode. See `open_source`.
+
+    whole: whether it does not break off. container: FFmpeg's name of its kind of file.
+    """
 
     def __init__(self, path: Path, start: int, end: int | None) -> None:
         self.path, self.name = path, str(path)
@@ -39,9 +42,10 @@ class VideoFile(StoredSource):
         with open_container(str(path), f"file:{os.path.abspath(path)}") as container:
             stream = video_stream(path, container)
             self.fps = frame_rate(stream)
+            self.container = container.format.name
             counted = _count(container, stream)
         self.total = counted.frames
-        self._whole = counted.whole
+        self.whole = counted.whole
         self._last_time = counted.last_time
         check_range(path, start, end, self.total if counted.whole else None)
         self._end = end
@@ -83,7 +87,7 @@ class VideoFile(StoredSource):
 
         with open_container(str(self.path), f"file:{os.path.abspath(self.path)}") as container:
             stream = video_stream(self.path, container)
-            decoded = decoded_frames(container, stream, failed, self._whole)
+            decoded = decoded_frames(container, stream, failed, self.whole)
             for frame in shown_frames(decoded, stream):
                 yield functools.partial(to_rgb, frame), frame.time or 0.0
         if lacking:
@@ -96,11 +100,11 @@ class VideoFile(StoredSource):
                 f"{self.path} has {index} readable frames, but the start is {self.start}"
             )
         expected = self.total if self._end is None else self._end
-        if self._end is None and self._whole:
+        if self._end is None and self.whole:
             # Frames before the first that can be decoded by itself are none that were lost.
             late = time < self._last_time - SLACK / self.fps
             expected = expected if late and expected - index > SLACK else index
-        if index < expected or not self._whole:
+        if index < expected or not self.whole:
             raise BrokenSource(
                 f"{self.path} breaks off: frame {index} cannot be decoded, "
                 f"expected {max(expected, index + 1)} frames",
@@ -254,12 +258,14 @@ def _pull(graph: av.filter.Graph) -> Iterator[VideoFrame]:
         yield frame
 
 
-def to_rgb(frame: VideoFrame) -> Image:
+def to_rgb(frame: VideoFrame, width: int | None = None, height: int | None = None) -> Image:
     """A frame as it is meant to be shown: [H, W, 3] RGB, turned and mirrored as it is marked.
+
+    width, height: pixels to which it is scaled before it is turned; by default it is not.
 
     Pixels stay as they are stored, also where they are not meant to be square.
     """
-    rgb = frame.reformat(format="rgb24")
+    rgb = frame.reformat(width, height, "rgb24")
     plane: Any = rgb.planes[0]
     # Where it lies: `to_ndarray` makes a copy, which takes a tenth of what decoding takes.
     image = np.ndarray((rgb.height, rgb.width, 3), np.uint8, plane, strides=(plane.line_size, 3, 1))
