@@ -58,6 +58,16 @@ def test_a_port_that_is_taken(failing, clip):
     assert f"127.0.0.1:{port} cannot be listened on" in says
 
 
+def test_a_project_that_another_server_has(start, failing, clip):
+    process = start([*COMMAND, "label", clip, "--no-browser"])
+    assert "http://" in process.stdout.readline()
+    assert "is open in another dcs-jax label" in failing("label", clip, "--no-browser")
+    process.kill()  # which lets it go
+    process.wait()
+    process = start([*COMMAND, "label", clip, "--no-browser"])
+    assert "http://" in process.stdout.readline()
+
+
 def test_what_another_host_means_is_said(start, clip):
     process = start([*COMMAND, "label", clip, "--no-browser", "--host", "0.0.0.0"])
     assert "can be reached from other machines" in process.stderr.readline()

@@ -74,11 +74,12 @@ def label(
     """
     from dcs_jax.label.app import listen, make_app, serve
     from dcs_jax.label.guard import is_loopback
-    from dcs_jax.label.opening import open_project
+    from dcs_jax.label.opening import hold, open_project
     from dcs_jax.label.threads import end_process
 
     together = ",".join(changes) if changes else None
     opened = open_project(clip, project, boxes, preset, seed, together)
+    held = hold(opened.path)
     cache()
     listening = listen(host, port)
     port = listening.getsockname()[1]
@@ -100,6 +101,8 @@ def label(
 
     with contextlib.suppress(KeyboardInterrupt):  # which ends it; all is saved
         serve(make_app(opened, token, host, port), listening, started)
+    if held is not None:
+        held.close()
     end_process()
 
 

@@ -3,12 +3,13 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from dcs_jax import formats
 from dcs_jax.annotate import Project, default_path, fingerprint, from_tracks, load
 from dcs_jax.config import Config
 from dcs_jax.evaluation.settings import with_changes
+from dcs_jax.io.files import lock
 from dcs_jax.label.clip import Clip
 
 
@@ -93,6 +94,27 @@ def _open(
     together = [settings["changes"]] if settings.get("changes") else []
     config = with_changes([settings["preset"]], together)[-1].config("")
     return Opened(opened, project, path, config, settings["seed"])
+
+
+def hold(path: Path) -> IO[str] | None:
+    """Keep other servers from a project until what is returned is closed, or the process ends.
+
+    Two would overwrite what the other has saved. Beside the project is a hidden file for it; None
+    where none can be made, as the folder cannot be written.
+
+    Raises ValueError where another server has the project.
+    """
+    try:
+        file = open(path.with_name(f".{path.name}.lock"), "w")  # noqa: SIM115 (it stays open)
+    except OSError:
+        return None
+    try:
+        lock(file)
+    except ValueError:
+        raise ValueError(
+            f"{path} is open in another dcs-jax label: use its page, or end it first"
+        ) from None
+    return file
 
 
 def _begin_with(boxes: Path, project: Project) -> Project:
