@@ -1,7 +1,6 @@
 """The page in a real browser: draw, watch, correct, undo, export, reload, two tabs, SIGKILL."""
 
 import re
-import shutil
 import signal
 import sys
 import zipfile
@@ -9,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chromium import EXECUTABLE as CHROMIUM
+from chromium import FLAGS
 from ffmpeg import write_plain
 
 from dcs_jax import formats
@@ -18,17 +19,6 @@ from dcs_jax.synthetic import render
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 expect = playwright.expect
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 SMALL = "canvas=20,parts=5,selectors=6,pool_size=12"
 COMMAND = [sys.executable, "-c", "from dcs_jax.cli import app; app()"]
 WIDTH, HEIGHT, LENGTH = 320, 240, 60

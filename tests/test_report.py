@@ -1,12 +1,13 @@
 """The page, as a browser shows it: no errors, every picture, tables that sort, light and dark."""
 
 import re
-import shutil
 from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
 import pytest
+from chromium import EXECUTABLE as CHROMIUM
+from chromium import FLAGS
 from data_sets import write_otb
 
 from dcs_jax import Config
@@ -18,17 +19,6 @@ from dcs_jax.evaluation.statistics import FEWEST_SEEDS
 from dcs_jax.synthetic import render
 
 SMALL: dict[str, Any] = {"canvas": 20, "selectors": 6, "pool_size": 12}
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from dcs_jax.cli.errors import BROKEN_SOURCE, INTERRUPTED
+from dcs_jax.cli.options import Changes, Preset, Seed, together
 from dcs_jax.cli.progress import WorkBar
-from dcs_jax.cli.track import Preset
 from dcs_jax.compilation import cache
 from dcs_jax.evaluation.settings import with_changes
 from dcs_jax.jobs.results import FAILED, INDEX, TABLE, FormatName
@@ -30,19 +30,9 @@ def batch(
         "batch"
     ),
     engine: Annotated[EngineName, typer.Option(help="This machine, or a Ray cluster.")] = "local",
-    preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = "default",
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Change a setting of the preset, as in --set scale.step=1.03; repeatable.",
-            show_default=False,
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")
-    ] = 0,
+    preset: Preset = "default",
+    changes: Changes = None,
+    seed: Seed = 0,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Number of videos at once.", show_default="one per core"),
@@ -58,8 +48,7 @@ def batch(
     after Ctrl-C.
     """
     cache()
-    together = [",".join(changes)] if changes else []
-    config = with_changes([preset], together)[-1].config("")
+    config = with_changes([preset], together(changes))[-1].config("")
     with BatchBar() as bar:
         done = run_batch(
             manifest,

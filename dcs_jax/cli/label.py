@@ -11,7 +11,7 @@ import typer
 
 from dcs_jax import formats
 from dcs_jax.cli.errors import warn
-from dcs_jax.cli.track import Preset
+from dcs_jax.cli.options import Changes, PresetName, together
 from dcs_jax.compilation import cache
 
 _NAMES = ", ".join(formats.NAMES)
@@ -46,18 +46,10 @@ def label(
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
     preset: Annotated[
-        Preset | None,
+        PresetName | None,
         typer.Option(help="Settings of the tracker.", show_default="default, or the project's"),
     ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Change a setting of the preset, as in --set lam=0.1; repeatable.",
-            show_default=False,
-        ),
-    ] = None,
+    changes: Changes = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -77,8 +69,7 @@ def label(
     from dcs_jax.label.opening import hold, open_project
     from dcs_jax.label.threads import end_process
 
-    together = ",".join(changes) if changes else None
-    opened = open_project(clip, project, boxes, preset, seed, together)
+    opened = open_project(clip, project, boxes, preset, seed, *together(changes))
     held = hold(opened.path)
     cache()
     listening = listen(host, port)

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import jax
 import numpy as np
@@ -17,6 +17,7 @@ from dcs_jax import formats
 from dcs_jax.checks import check_box
 from dcs_jax.cli.environment import uninterrupted
 from dcs_jax.cli.errors import INTERRUPTED, warn
+from dcs_jax.cli.options import Changes, Preset, PresetName, Seed, together
 from dcs_jax.cli.outputs import TABLE, Outputs
 from dcs_jax.cli.progress import bar
 from dcs_jax.cli.targets import (
@@ -38,7 +39,6 @@ from dcs_jax.runners.stream import Stream
 from dcs_jax.saving import Saved, load, save
 from dcs_jax.types import State
 
-Preset = Literal["default", "paper"]
 OUT = "boxes"  # name of the results without a suffix, where none is given
 
 
@@ -85,19 +85,9 @@ def track(
         Path | None,
         typer.Option(help="Also write a video (mp4, mkv, avi) with the boxes.", show_default=False),
     ] = None,
-    preset: Annotated[Preset, typer.Option(help="Settings of the tracker.")] = "default",
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Change a setting of the preset, as in --set lam=0.1; repeatable.",
-            show_default=False,
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")
-    ] = 0,
+    preset: Preset = "default",
+    changes: Changes = None,
+    seed: Seed = 0,
     start: Annotated[int, typer.Option(help="First frame, counted from 0.")] = 0,
     end: Annotated[
         int | None, typer.Option(help="Frame to stop before.", show_default="all frames")
@@ -135,8 +125,7 @@ def track(
     the end, and --box is optional: tracking then starts at the first labelled frame.
     """
     saved = None if resume is None else _load(resume, preset, changes)
-    together = [",".join(changes)] if changes else []
-    config = saved.config if saved else with_changes([preset], together)[-1].config("")
+    config = saved.config if saved else with_changes([preset], together(changes))[-1].config("")
     out, format = _out(out, format)
     _check_paths(source, out, overlay, save_to)
     if max_frames is not None:
@@ -184,7 +173,7 @@ def track(
         _report_accuracy(outputs.boxes[0], truth[frames.start : frames.start + outputs.count])
 
 
-def _load(resume: Path, preset: Preset, changes: list[str] | None) -> Saved:
+def _load(resume: Path, preset: PresetName, changes: list[str] | None) -> Saved:
     if changes or preset != "default":
         raise ValueError(f"--preset and --set cannot be changed: {resume} has its own settings")
     return load(resume)
