@@ -3,6 +3,7 @@
 import re
 import signal
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -135,6 +136,14 @@ def tab(browser):
         assert one.errors == []
 
 
+def _kept(clip, condition, seconds=60):
+    """Wait until the keyframes of the first object are kept like that: the page shows it before."""
+    deadline = time.monotonic() + seconds
+    while not condition(_stored(clip).objects[0].keyframes):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def _stored(clip):
     return load(clip.with_name("clip.mp4.dcs.json"), clip)
 
@@ -164,6 +173,7 @@ def test_a_box_is_drawn_tracked_corrected_and_taken_along(label, tab, clip, trut
 
     x, y, w, h = corrected.boxes[50].tolist()  # resized by a corner
     one.drag((x + w, y + h), (x + w + 12, y + h + 6))
+    _kept(clip, lambda keyframes: abs(keyframes[50].box[2] - (w + 12)) < 1)
     one.tracked()
     resized = _stored(clip).objects[0]
     np.testing.assert_allclose(resized.boxes[50], [x, y, w + 12, h + 6], atol=1)
@@ -171,17 +181,20 @@ def test_a_box_is_drawn_tracked_corrected_and_taken_along(label, tab, clip, trut
     one.go(40)
     one.press("x")
     one.state("not here")
+    _kept(clip, lambda keyframes: 40 in keyframes)
     one.tracked()
     absent = _stored(clip).objects[0]
     assert np.isnan(absent.boxes[40:50]).all()
     assert not np.isnan(absent.boxes[50:]).any()
 
     one.press("Control+z")
+    _kept(clip, lambda keyframes: 40 not in keyframes)
     one.tracked()
     np.testing.assert_array_equal(_stored(clip).objects[0].boxes, resized.boxes)
     one.press("Control+Shift+Z")
     one.state("not here")
     one.press("Control+z")
+    _kept(clip, lambda keyframes: 40 not in keyframes)
     one.tracked()
 
     for name in formats.NAMES:

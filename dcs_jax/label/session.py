@@ -140,6 +140,10 @@ class Session:
         project = self.editor.project
         if edited:
             self._edited = self._version
+        self._tell(
+            self._saving()
+        )  # first: what the page shows is never called saved when it is not
+        if edited:
             self._tell(self._objects(project))
         for lane in project.objects:
             old = self._sent.get(lane.id)
@@ -148,7 +152,6 @@ class Session:
                 if change is not None:
                     self._tell(_rows(lane, *change))
         self._sent = {lane.id: lane for lane in project.objects}
-        self._tell(self._saving())
         self._unsaved.set()
         if edited or not self.editor.pending():
             self._urgent.set()
