@@ -1,8 +1,8 @@
 """Video files, decoded by FFmpeg through PyAV.
 
 PyAV and not OpenCV: as fast at 1920x1080, though not on small frames (`benchmarks.decode`), it says
-what OpenCV hides: fields, hidden samples, the orientation, how many frames there are, and what could
-not be decoded.
+what OpenCV hides: fields, hidden samples, the orientation, how many frames there are, and what
+could not be decoded.
 """
 
 import functools
