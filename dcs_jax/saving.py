@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import jax
 import numpy as np
 
-from dcs_jax.config import COMPONENTS, Config
+from dcs_jax.config import COMPONENTS, Config, check_config
 from dcs_jax.io.files import atomic
 from dcs_jax.types import State
 
@@ -45,8 +45,7 @@ def save(path: str | Path, states: State | Mapping[str, State], config: Config) 
         if not isinstance(state, State):
             raise ValueError(f"states[{name!r}] must be a dcs_jax.State, but is {state!r}")
         arrays |= {f"{number}/{key}": leaf for key, leaf in _leaves(state).items()}
-    if not isinstance(config, Config):
-        raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
+    check_config(config)
     header = {
         "kind": _KIND,
         "format": FORMAT,

@@ -228,6 +228,7 @@ def test_what_is_finished_is_in_the_index_after_sigkill(clip, tmp_path, start_pr
     assert 3 <= len(index) < 12
     assert {f"boxes/{p.name}" for p in (out / "boxes").glob("*.csv")} >= {r["file"] for r in index}
     (out / "boxes" / ".half.part").write_text("half")
+    (out / "boxes" / ".folder.part" / "labels").mkdir(parents=True)
     result = run(manifest, "--out", out, *SMALL)
     assert result.exit_code == 0, result.output
     assert results(out).keys() == set(map(str, range(12)))

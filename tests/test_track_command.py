@@ -5,6 +5,7 @@ import signal
 import subprocess
 import threading
 import time
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +16,12 @@ from typer.testing import CliRunner
 
 from dcs_jax import formats
 from dcs_jax.cli import app
+from dcs_jax.cli.outputs import Outputs
 from dcs_jax.io.frames import open_source
-from dcs_jax.io.live import open_stream
+from dcs_jax.io.live import StreamSource, open_stream
+from dcs_jax.runners.stream import Chunk
 from dcs_jax.synthetic import render
+from dcs_jax.types import Track
 
 LENGTH = 40
 SMALL = ("--set", "canvas=20,parts=5,selectors=6,pool_size=12")
@@ -150,12 +154,21 @@ def test_an_overlay_of_several(video, clip, here):
         (["--box", "1,2,30,40", "--out", "a.mp4", "--overlay", "a.mp4"], "are the same file"),
         (["--box", "1,2,30,40", "--out", "a.npz", "--save", "a.npz"], "are the same file"),
         (["--resume", "nothing.npz"], "cannot be changed: nothing.npz has its own settings"),
+        (["--box", "1,2,30,40", "--box", "5,6,30,40", "--out", "a.txt"], "would hold 2 objects"),
+        (
+            ["--box", "A=1,2,30,40", "--box", "a=5,6,30,40", "--out", "o", "--format", "otb"],
+            "'a' and 'A' would be one file",
+        ),
+        (["--box", "a\x07=1,2,30,40", "--out", "a.xml"], "without control characters"),
+        (["--box", "1,2,30,40", "--out", "full", "--format", "yolo"], "full is there already and"),
+        (["--box", "1,2,30,40", "--out", "full", "--format", "otb"], "full is there already and"),
         (["--box", "1,2,30,40", "--raw", "10x10"], "--raw is for standard input and pipes"),
         (["--box", "1,2,30,40", "--max-frames", "0"], "--max-frames"),
     ],
 )
 def test_bad_arguments(video, here, arguments, message):
     (here / "empty.csv").write_text("")
+    (here / "full" / "inner").mkdir(parents=True)
     assert_one_line(run(video, *arguments), message)
     assert not (here / "boxes.csv").exists()
 
@@ -370,6 +383,40 @@ def test_a_stream_that_stops_says_so_after_its_frames(video, start):
         taken.extend(source)
     assert len(taken) > 5
     assert process.wait(10) == 0
+
+
+class Gaps(StreamSource):
+    """A camera of which the second and third frame were dropped."""
+
+    live, shape, fps = True, (120, 160, 3), 25.0
+
+    def __init__(self):
+        super().__init__("gaps", None, 1)
+        self.positions.extend((0, 3, 4))
+
+    def _arrive(self):
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize("format", ["csv", "mot", "cvat", "otb"])
+def test_frames_that_a_camera_dropped_have_no_box_in_any_format(here, format):
+    boxes = np.arange(12, dtype=np.float32).reshape(1, 3, 4) + 5
+    sure, lost = np.ones((1, 3), np.float32), np.zeros((1, 3), bool)
+    track: Any = Track(boxes, sure, sure, sure[..., None], lost, sure[..., None])
+    chunk = Chunk(0, np.zeros((3, 120, 160, 3), np.uint8), track, np.ones(1, bool))
+    out = here / f"out{formats.FORMATS[format].suffix or '.txt'}"
+    with Outputs(Gaps(), ["1"], out, format, None, None) as outputs:
+        outputs.write(chunk)
+    assert outputs.count == 3
+    (found,) = formats.read(out, format).objects
+    shown = found.start + np.flatnonzero(found.visible)
+    np.testing.assert_array_equal(shown, [0, 3, 4])
+    np.testing.assert_allclose(found.boxes[found.visible], boxes[0], atol=1e-3)
+
+
+def test_a_stream_without_data_is_named():
+    with pytest.raises(ValueError, match=r"udp://127\.0\.0\.1:\d+ .*no data for 1 s"):
+        open_stream(f"udp://127.0.0.1:{PORT + 4}", patience=1)
 
 
 def test_late_frames_are_dropped_and_counted(video, start):

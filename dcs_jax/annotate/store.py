@@ -27,7 +27,7 @@ from dcs_jax.io.files import atomic
 from dcs_jax.io.images import is_pattern, list_images
 
 VERSION = 1  # of the file: another number is another layout
-_KIND = "dcs_jax project"
+KIND = "dcs_jax project"
 _READ = 2**20  # bytes at either end of a video, of which the fingerprint is made
 
 
@@ -58,7 +58,7 @@ def load(path: str | Path, clip: str | Path | None = None) -> Project:
         content = json.loads(Path(path).read_bytes())
     except (ValueError, RecursionError):
         raise ValueError(damaged) from None
-    if not isinstance(content, dict) or content.get("kind") != _KIND:
+    if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ValueError(damaged)
     version = content.get("version")
     if version != VERSION:
@@ -104,7 +104,7 @@ def fingerprint(clip: str | Path) -> dict[str, Any]:
 
 def _plain(project: Project) -> dict[str, Any]:
     return {
-        "kind": _KIND,
+        "kind": KIND,
         "version": VERSION,
         "clip": project.clip,
         "fingerprint": dict(project.fingerprint),

@@ -1,5 +1,6 @@
 """What `dcs-jax track` writes: a table that grows, a file of another format, a video."""
 
+import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from dcs_jax import formats
 from dcs_jax.io.annotations import BoxWriter
-from dcs_jax.io.files import lock
+from dcs_jax.io.files import check_new_folder, lock
 from dcs_jax.io.frames import FrameSource
 from dcs_jax.io.live import StreamSource
 from dcs_jax.io.overlay import VideoWriter, draw_tracks
@@ -43,8 +44,8 @@ class Outputs:
         self._names = [str(name or "object") for name in names]
         self._format = format
         self._parts: list[tuple[NDArray[Any], ...]] = []
-        self._indices: list[int] = []
-        self._next = frames.start
+        self._indices: list[int] = []  # of the frames in the parts
+        self.count = 0
         self._files = ExitStack()
         with ExitStack() as files:
             self._video = overlay and files.enter_context(
@@ -74,10 +75,6 @@ class Outputs:
     def boxes(self) -> NDArray[np.float32]:
         return np.concatenate([boxes for boxes, *_ in self._parts], 1)
 
-    @property
-    def count(self) -> int:
-        return len(self._indices)
-
     def write(self, chunk: Chunk) -> None:
         """Write the rows and the pictures of the next frames."""
         track = chunk.track
@@ -86,14 +83,15 @@ class Outputs:
             # A camera drops frames: they are numbered as they came.
             indices = [self._frames.positions.popleft() for _ in range(count)]
         else:
-            indices = list(range(self._next, self._next + count))
-        self._next += count
+            first = self._frames.start + self.count
+            indices = list(range(first, first + count))
+        self.count += count
         rows = (track.boxes, track.confidence, track.lost)
         if self._table is not None:
             self._table.write(*rows, indices)
-        self._indices += indices
         # Of a stream without end only what has to be kept is kept.
         if self._table is None or self._truth is not None:
+            self._indices += indices
             self._parts.append(tuple(map(np.asarray, rows)))
         if self._video:
             shown = self._names if len(self._names) > 1 else [""]
@@ -104,9 +102,15 @@ class Outputs:
                 self._video.write(drawn)
 
     def _tracks(self) -> formats.Tracks:
-        boxes, confidence, lost = (np.concatenate(rows, 1) for rows in zip(*self._parts))  # noqa: B905
-        objects = []
         first = self._indices[0]
+        # Frames that a camera dropped have no box.
+        length = self._indices[-1] + 1 - first
+        places = np.array(self._indices) - first
+        boxes, confidence, lost = (
+            _spread(np.concatenate(rows, 1), places, length)
+            for rows in zip(*self._parts, strict=True)
+        )
+        objects = []
         for slot, name in enumerate(self._names):
             known = np.flatnonzero(~np.isnan(boxes[slot, :, 0]))
             if not known.size:
@@ -122,9 +126,30 @@ class Outputs:
         )
 
     def _check_format(self) -> None:
-        """ValueError now where the format cannot hold such tracks."""
-        if self._format == "yolo" and self.path.exists():
-            raise ValueError(f"{self.path} is there already: expected a new folder")
+        """ValueError now, not when all is tracked, where such tracks cannot be written.
+
+        They are written once with a box each, where it is thrown away.
+        """
+        one: Any = (np.full((1, 4), 8.0), np.ones(1), np.zeros(1, bool))
+        objects = [formats.ObjectTrack(name, 0, *one) for name in self._names]
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / self.path.name
+            if self.path.is_file():
+                path.touch()
+            try:
+                formats.write(path, formats.Tracks(tuple(objects), (16, 16)), self._format)
+            except ValueError as error:
+                raise ValueError(str(error).replace(str(path), str(self.path))) from None
+            if path.is_dir():
+                check_new_folder(self.path)
+
+
+def _spread(rows: NDArray[Any], places: NDArray[np.int_], length: int) -> NDArray[Any]:
+    """Rows [S, n, ...] at their places of [S, length, ...]; NaN, or False, elsewhere."""
+    empty = np.nan if rows.dtype.kind == "f" else False
+    spread = np.full((len(rows), length, *rows.shape[2:]), empty, rows.dtype)
+    spread[:, places] = rows
+    return spread
 
 
 def _is_empty(path: Path) -> bool:

@@ -186,8 +186,7 @@ def _out(out: Path | None, format: str | None) -> tuple[Path, str]:
     if out is None:
         format = format or TABLE
         out = Path(OUT).with_suffix(formats.FORMATS[format].suffix)
-    of_suffix = {known.suffix: name for name, known in formats.FORMATS.items() if known.suffix}
-    return out, format or of_suffix.get(out.suffix.lower(), TABLE)
+    return out, format or formats.named_by(out) or TABLE
 
 
 def _check_paths(source: str, *outputs: Path | None) -> None:

@@ -46,6 +46,7 @@ __all__ = [
     "ObjectTrack",
     "Tracks",
     "format_of",
+    "named_by",
     "read",
     "sniff",
     "to_supervision",
@@ -125,9 +126,8 @@ def read(
 
 def format_of(path: Path) -> str:
     """The format of the path's suffix; ValueError if there is none of that suffix."""
-    for name, known in FORMATS.items():
-        if known.suffix and path.suffix.lower() == known.suffix:
-            return name
+    if (name := named_by(path)) is not None:
+        return name
     suffixes = ", ".join(
         f"{known.suffix} ({name})" for name, known in FORMATS.items() if known.suffix
     )
@@ -135,6 +135,12 @@ def format_of(path: Path) -> str:
         f"{path} has no suffix that says the format: expected {suffixes}, "
         f"or the name of a format, one of {', '.join(NAMES)}"
     )
+
+
+def named_by(path: Path) -> str | None:
+    """The format of the path's suffix; None if there is none of that suffix."""
+    names = {known.suffix: name for name, known in FORMATS.items() if known.suffix}
+    return names.get(path.suffix.lower())
 
 
 def _known(format: str) -> str:

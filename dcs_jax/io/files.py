@@ -40,12 +40,9 @@ def atomic(path: Path, text: bool = False) -> Iterator[IO[Any]]:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Make a folder that takes its name only when all is in it.
 
-    Raises ValueError if there is a file, or a folder that is not empty, of that name.
+    Raises ValueError as `check_new_folder` does.
     """
-    if path.is_dir() and any(path.iterdir()):
-        raise ValueError(f"{path} is there already and not empty: expected a new folder")
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"{path} is a file: expected a new folder")
+    check_new_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(".part", ".", path.parent))
     try:
@@ -57,6 +54,22 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(temporary)
         raise
+
+
+def check_new_folder(path: Path) -> None:
+    """ValueError if there is a file, or a folder that is not empty, of that name."""
+    if path.is_dir() and any(path.iterdir()):
+        raise ValueError(f"{path} is there already and not empty: expected a new folder")
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path} is a file: expected a new folder")
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

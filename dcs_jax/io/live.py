@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 
 from dcs_jax.io.source import FOLDER_FPS, BrokenSource, FrameSource, Image
 from dcs_jax.io.video import (
-    decoded_frames,
     frame_rate,
-    lacking_note,
+    noted_frames,
     open_container,
-    shown_frames,
     to_rgb,
     video_stream,
 )
@@ -88,7 +86,10 @@ class StreamSource(FrameSource):
     def _look(self) -> None:
         """Wait for the first frame, which says the shape."""
         self._source = arriving = self._arrive()
-        first = next(arriving, None)
+        try:
+            first = next(arriving, None)
+        except OSError as error:
+            raise ValueError(f"{self.name} gives no frame: {error}") from None
         if first is None:
             raise ValueError(f"{self.name} gives no frame: expected a camera or a video stream")
         rows, columns, _ = first().shape
@@ -211,22 +212,14 @@ class EncodedSource(StreamSource):
             self._files = self._files.pop_all()  # open, unless something failed
 
     def _arrive(self) -> Generator[Convert]:
-        lacking = 0
-
-        def failed() -> None:
-            nonlocal lacking
-            lacking += 1
-
-        decoded = decoded_frames(self._container, self._stream, failed)
+        frames = noted_frames(self._container, self._stream, self.name, self.notes)
         try:
-            for frame in shown_frames(decoded, self._stream):
+            for frame in frames:
                 yield functools.partial(to_rgb, frame)
         except av.error.ExitError:
             raise TimeoutError(f"no data for {self._patience:g} s") from None
         finally:
             self._files.close()
-        if lacking:
-            self.notes.append(lacking_note(self.name, lacking))
 
 
 class CameraSource(StreamSource):

@@ -40,8 +40,8 @@ class VideoFile(StoredSource):
         self.path, self.name = path, str(path)
         self.start = start
         self.notes = []
-        with open_container(str(path), f"file:{os.path.abspath(path)}") as container:
-            stream = video_stream(path, container)
+        container, stream = open_video(path)
+        with container:
             self.fps = frame_rate(stream)
             self.container = container.format.name
             counted = _count(container, stream)
@@ -52,7 +52,7 @@ class VideoFile(StoredSource):
         self._end = end
         stop = self.total if end is None else end
         self.length = max(stop - start, 0)
-        first = next(self._frames(self.notes.append), None)
+        first = next(self._frames(), None)
         if first is None:
             raise ValueError(f"{path} cannot be read as a video: no frame of it can be decoded")
         rows, columns, _ = first[0]().shape
@@ -63,7 +63,7 @@ class VideoFile(StoredSource):
         self.notes.clear()
         index, end_time = 0, -math.inf
         # Decoding up to the start is the only way of seeking that is exact for every codec.
-        for image, time in self._frames(self.notes.append):
+        for image, time in self._frames():
             if self._end is not None and index >= self._end:
                 return
             if index >= self.start:
@@ -78,21 +78,12 @@ class VideoFile(StoredSource):
             index, end_time = index + 1, time
         self._check_end(index, end_time)
 
-    def _frames(self, note: Callable[[str], None]) -> Iterator[tuple[Callable[[], Image], float]]:
+    def _frames(self) -> Iterator[tuple[Callable[[], Image], float]]:
         """Every frame, converted when called, and its time in seconds."""
-        lacking = 0
-
-        def failed() -> None:
-            nonlocal lacking
-            lacking += 1
-
-        with open_container(str(self.path), f"file:{os.path.abspath(self.path)}") as container:
-            stream = video_stream(self.path, container)
-            decoded = decoded_frames(container, stream, failed, self.whole)
-            for frame in shown_frames(decoded, stream):
+        container, stream = open_video(self.path)
+        with container:
+            for frame in noted_frames(container, stream, self.name, self.notes, self.whole):
                 yield functools.partial(to_rgb, frame), frame.time or 0.0
-        if lacking:
-            note(lacking_note(self.name, lacking))
 
     def _check_end(self, index: int, time: float) -> None:
         """Raise if the video is broken at frame `index`, where it stops, and not at its end."""
@@ -113,11 +104,6 @@ class VideoFile(StoredSource):
             )
 
 
-def lacking_note(name: str, count: int) -> str:
-    """What is said of frames that could not be decoded."""
-    return f"{name}: {count} frame{'s' * (count != 1)} could not be decoded, and left out"
-
-
 EXPECTED = "a video file or a folder of images"
 
 
@@ -132,9 +118,17 @@ def open_container(
         reason = error.strerror
         if isinstance(error, av.error.InvalidDataError):
             reason = "no video, or one that is cut off"
+        elif isinstance(error, av.error.ExitError):
+            reason = f"no data for {options['timeout']:g} s"
         raise ValueError(
             f"{name} cannot be read as a video ({reason}): expected {expected}"
         ) from None
+
+
+def open_video(path: Path) -> tuple[InputContainer, VideoStream]:
+    """The container of a file, and its moving pictures; ValueError where it cannot be read."""
+    container = open_container(str(path), f"file:{os.path.abspath(path)}")
+    return container, video_stream(path, container)
 
 
 def video_stream(path: Path | str, container: InputContainer) -> VideoStream:
@@ -161,6 +155,26 @@ def frame_rate(stream: VideoStream) -> float:
     """Frames per second; some containers announce the unit of their clock in its place."""
     rates = (stream.average_rate, stream.base_rate, stream.codec_context.framerate)
     return next((float(rate) for rate in rates if rate and rate <= _HIGHEST_FPS), FOLDER_FPS)
+
+
+def noted_frames(
+    container: InputContainer,
+    stream: VideoStream,
+    name: str,
+    notes: list[str],
+    whole: bool = True,
+) -> Iterator[VideoFrame]:
+    """The frames as a player shows them; in the end a note says how many could not be decoded."""
+    lacking = 0
+
+    def failed() -> None:
+        nonlocal lacking
+        lacking += 1
+
+    yield from shown_frames(decoded_frames(container, stream, failed, whole), stream)
+    if lacking:
+        plural = "s" * (lacking != 1)
+        notes.append(f"{name}: {lacking} frame{plural} could not be decoded, and left out")
 
 
 def decoded_frames(

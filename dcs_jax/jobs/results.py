@@ -12,7 +12,6 @@ import csv
 import dataclasses
 import io
 import os
-import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +22,7 @@ from dcs_jax import formats
 from dcs_jax.config import Config
 from dcs_jax.evaluation.provenance import digest
 from dcs_jax.io.annotations import RESULT_COLUMNS, result_rows
-from dcs_jax.io.files import lock, safe_name, write_table
+from dcs_jax.io.files import lock, remove, safe_name, write_table
 from dcs_jax.jobs.manifest import Target, Video
 from dcs_jax.jobs.video import TargetTrack
 
@@ -103,8 +102,7 @@ class BatchFolder:
             formats.write(self.path / FOLDER / name, clip, self._format)
         others = self._files.setdefault(name.rpartition("-")[0], set())
         for other in others - {name}:
-            old = self.path / FOLDER / other
-            shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+            remove(self.path / FOLDER / other)
         others.clear()
         others.add(name)
 
@@ -137,7 +135,7 @@ class BatchFolder:
                 ) from None
             for folder in (self.path, self.path / FOLDER):
                 for left in folder.glob(".*.part"):
-                    left.unlink(missing_ok=True)
+                    remove(left)
             yield
 
     def write_failed(self, failed: Iterable[tuple[Target, str]]) -> None:

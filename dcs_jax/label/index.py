@@ -1,18 +1,13 @@
 """Where the frames of a video are: their times in the order in which they are shown."""
 
-import os
 from bisect import bisect_left
 from typing import NamedTuple
-
-from av.container import InputContainer
-from av.video.stream import VideoStream
 
 from dcs_jax.io.video import (
     VideoFile,
     decoded_frames,
-    open_container,
+    open_video,
     stored_packets,
-    video_stream,
 )
 
 
@@ -42,12 +37,6 @@ class VideoIndex(NamedTuple):
     whole: bool
 
 
-def open_video(source: VideoFile) -> tuple[InputContainer, VideoStream]:
-    """A container and its moving pictures; ValueError where the file cannot be opened any more."""
-    container = open_container(source.name, f"file:{os.path.abspath(source.path)}")
-    return container, video_stream(source.path, container)
-
-
 def index_video(source: VideoFile) -> VideoIndex:
     """The index from the packets of the file, which is fast as nothing is decoded.
 
@@ -56,7 +45,7 @@ def index_video(source: VideoFile) -> VideoIndex:
     times: list[int] = []
     keys: list[tuple[int, int]] = []
     timed = source.whole
-    container, stream = open_video(source)
+    container, stream = open_video(source.path)
     with container:
         for packet in stored_packets(container, stream):
             if not packet.size:
@@ -77,7 +66,7 @@ def count_video(source: VideoFile) -> VideoIndex:
     """The index from decoding every frame: exact for every file, and as slow as that is."""
     keys: list[tuple[int, int]] = []
     times: list[int | None] = []
-    container, stream = open_video(source)
+    container, stream = open_video(source.path)
     with container:
         for frame in decoded_frames(container, stream, lambda: None, source.whole):
             times.append(frame.pts)

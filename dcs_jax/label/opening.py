@@ -7,6 +7,7 @@ from typing import IO, Any, NamedTuple
 
 from dcs_jax import formats
 from dcs_jax.annotate import Project, default_path, fingerprint, from_tracks, load
+from dcs_jax.annotate.store import KIND
 from dcs_jax.config import Config
 from dcs_jax.evaluation.settings import with_changes
 from dcs_jax.io.files import lock
@@ -137,7 +138,7 @@ def is_project(path: Path) -> bool:
         content = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
         return path.name.endswith(".dcs.json")  # one that is damaged, as `load` then says
-    return isinstance(content, dict) and content.get("kind") == "dcs_jax project"
+    return isinstance(content, dict) and content.get("kind") == KIND
 
 
 def _text(settings: Any) -> str:

@@ -8,8 +8,8 @@ from av.container import InputContainer
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
-from dcs_jax.io.video import VideoFile, decoded_frames, shown_frames
-from dcs_jax.label.index import Keyframe, VideoIndex, open_video
+from dcs_jax.io.video import VideoFile, decoded_frames, open_video, shown_frames
+from dcs_jax.label.index import Keyframe, VideoIndex
 
 _Numbered = tuple[int, VideoFrame]
 
@@ -74,7 +74,7 @@ class VideoReader:
         if keyframe.seek is None:
             self.close()
         if self._opened is None:
-            self._opened = open_video(self._source)
+            self._opened = open_video(self._source.path)
         container, stream = self._opened
         if keyframe.seek is not None:
             container.seek(keyframe.seek, stream=stream)

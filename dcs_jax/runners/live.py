@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_choice, check_count, check_frame
-from dcs_jax.config import Config, resolve_all
+from dcs_jax.config import Config, check_config, resolve_all, single_precision
 from dcs_jax.io.chunks import aligned
 from dcs_jax.runners.sequence import init_track
 from dcs_jax.runners.slots import Slots
@@ -141,11 +141,8 @@ class Tracker:
     def _settle(self, box: NDArray[Any]) -> Config:
         """The settings for a box, whose numbers are then not sent with every frame."""
         config = self._config.resolve(box)
-        numbers, self._settings = jax.tree.flatten(config)
-        self._numbers = [
-            jnp.asarray(number, jnp.int32 if isinstance(number, int) else jnp.float32)
-            for number in numbers
-        ]
+        numbers, self._settings = jax.tree.flatten(single_precision(config))
+        self._numbers = [jnp.asarray(number) for number in numbers]
         return config
 
 
@@ -253,8 +250,7 @@ def as_frame(frame: Any, order: Order = "rgb") -> NDArray[np.uint8]:
 
 
 def _checked(config: Config, seed: int, order: Order) -> int:
-    if not isinstance(config, Config):
-        raise ValueError(f"config must be a dcs_jax.Config, but is {config!r}")
+    check_config(config)
     seed = check_count("seed", seed, least=0, most=_LARGEST_SEED)
     check_choice("order", order, ("rgb", "bgr"))
     return seed

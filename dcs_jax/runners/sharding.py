@@ -102,6 +102,13 @@ class SlotSharding:
 
         return jax.tree.map(whole, *results)
 
+    def gather_one(self, results: list[Tree], slot: int) -> Tree:
+        """What `gather` has for one slot, without the others where they are in this process."""
+        if self._mesh is not None:
+            return jax.tree.map(lambda leaf: leaf[slot], self.gather(results))
+        shard, place = divmod(slot, self.size // self._parts)
+        return jax.tree.map(lambda leaf: np.array(np.asarray(leaf)[place]), results[shard])
+
     def _fill(self, leaf: Any) -> Any:
         if len(leaf) == self.size:
             return leaf

@@ -165,8 +165,7 @@ class Slots:
 
     def state(self, slot: int) -> State:
         """The state of one slot, with its pool."""
-        of_all = self.sharding.gather(self._states)
-        state: State = jax.tree.map(lambda leaf: leaf[slot], of_all)
+        state: State = self.sharding.gather_one(self._states, slot)
         return state if self._pool is None else state._replace(pool=self._pool)
 
     def rows(self, records: Records) -> StepInfo:
