@@ -51,6 +51,9 @@ def _app(clip, **options):
     return make_app(open_project(clip, changes=SMALL, **options), TOKEN, "127.0.0.1", PORT)
 
 
+EDITS = ("add", "set", "remove", "rename", "delete", "undo", "redo")
+
+
 class Page:
     """What a page does with its web socket."""
 
@@ -59,28 +62,42 @@ class Page:
         self.objects: dict[int, dict[str, Any]] = {}
         self.boxes: dict[int, np.ndarray] = {}
         self.last: dict[str, dict[str, Any]] = {}
+        self.unanswered = False  # whether an edit was asked for that the server has not told of
 
     def ask(self, type, **given):
+        self.unanswered = type in EDITS
         self.socket.send_text(json.dumps({"type": type, **given}))
 
     def until(self, *types, where=lambda message: True):
         """The next message of these types for which the condition holds."""
         while True:
-            message = self.socket.receive_json()
-            self.last[message["type"]] = message
-            if message["type"] == "objects":
-                self.objects = {one["id"]: one for one in message["objects"]}
-            if message["type"] == "rows":
-                boxes = self.boxes.setdefault(message["id"], np.full((LENGTH, 4), np.nan))
-                boxes[message["start"] : message["end"]] = _numbers(message["boxes"]).reshape(-1, 4)
+            message = self._receive()
             if message["type"] in types and where(message):
                 return message
 
     def until_tracked(self):
-        return self.until("status", where=lambda m: m["state"] == "idle" and not m["waiting"])
+        """What was asked for is tracked; before the answer the server may be idle, too."""
+        self._until_it_is("status", lambda told: told["state"] == "idle" and not told["waiting"])
 
     def until_saved(self):
-        return self.until("saved", where=lambda message: message["what"] == "all")
+        self._until_it_is("saved", lambda told: told["what"] == "all")
+
+    def _until_it_is(self, type, holds):
+        while self.unanswered or type not in self.last or not holds(self.last[type]):
+            self._receive()
+
+    def _receive(self):
+        message = self.socket.receive_json()
+        if message["type"] == "objects":
+            self.objects = {one["id"]: one for one in message["objects"]}
+            self.last.pop("status", None)  # that of before the edit
+        if message["type"] in ("objects", "error"):
+            self.unanswered = False
+        if message["type"] == "rows":
+            boxes = self.boxes.setdefault(message["id"], np.full((LENGTH, 4), np.nan))
+            boxes[message["start"] : message["end"]] = _numbers(message["boxes"]).reshape(-1, 4)
+        self.last[message["type"]] = message
+        return message
 
 
 def _numbers(text):
