@@ -1,0 +1,70 @@
+"""README and pages: what they show runs, what they link to is there, their figures agree."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "benchmarks" / "README.md"])
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_readme_is_short():
+    assert len(README.splitlines()) <= 120
+
+
+def test_continuous_integration_runs_the_test_line_of_the_readme():
+    (line,) = re.findall(r"<!-- test line -->\n```sh\n(.+)\n```", README)
+    assert line in (ROOT / ".ci" / "run").read_text().splitlines()
+
+
+def test_the_first_lines_of_python_run_as_they_stand(capsys):
+    first, *_ = re.findall(r"```python\n(.+?)```", README, re.DOTALL)
+    exec(first, {})
+    assert capsys.readouterr().out.splitlines()[-1] == "0"  # frames called lost
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_links_to_is_there(page):
+    for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_is_built_only_if_it_is_in_the_navigation(page):
+    if page.is_relative_to(ROOT / "docs"):
+        assert str(page.relative_to(ROOT / "docs")) in (ROOT / "mkdocs.yml").read_text()
+
+
+# One place makes each figure: the table of benchmarks/README.md that the command wrote.
+FIGURES = {
+    "the default's accuracy": r"\*\*8\.0(?: / |\*\* ± 0\.7 \| \*\*)0\.954",
+    "the paper's accuracy": r"13\.1(?: / | ± 1\.1 \| )0\.877",
+    "speed at 320x240, 80 px": r"320x240, 80 px \| \*\*360\*\* \| 267 \| 186 \| 59 \| 35",
+    "speed at 1920x1080, 80 px": r"1920x1080, 80 px \| \*\*285\*\* \| 269 \| 213 \| 44 \| 27",
+    "speed at 1920x1080, 300 px": r"1920x1080, 300 px \| \*\*265\*\* \| 231 \| 61 \| 23 \| 28",
+}
+ABOUT = {
+    "the default's accuracy": r"^\| `Config\(output_size=\"initial\"\)` \| 30",
+    "the paper's accuracy": r"^\| `Config\.paper\(\)` \| 30",
+    "speed at 320x240, 80 px": r"^\| 320x240, 80 px",
+    "speed at 1920x1080, 80 px": r"^\| 1920x1080, 80 px",
+    "speed at 1920x1080, 300 px": r"^\| 1920x1080, 300 px",
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_agree_with_the_measured_ones(name):
+    measured = (ROOT / "benchmarks" / "README.md").read_text()
+    assert re.search(FIGURES[name], measured), "measured anew: change FIGURES and every page"
+    rows = [
+        line
+        for page in PAGES
+        for line in page.read_text().splitlines()
+        if re.search(ABOUT[name], line)
+    ]
+    assert len(rows) >= 2
+    for row in rows:
+        assert re.search(FIGURES[name], row), row
