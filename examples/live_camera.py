@@ -10,17 +10,13 @@ import cv2
 import dcs_jax
 
 
-def main(
-    source: str, box: list[float], config: dcs_jax.Config = dcs_jax.Config(), most: int = 10**9
-) -> int:
-    """Print the box of every frame, at most so many; returns their number."""
+def main(source: str, box: list[float], config: dcs_jax.Config = dcs_jax.Config()) -> int:
+    """Print the box of every frame; returns their number."""
     capture = cv2.VideoCapture(int(source) if source.isdigit() else source)
     tracker = dcs_jax.Tracker(config, order="bgr")  # as OpenCV gives them
     frames = 0
-    while frames < most:
-        found, frame = capture.read()
-        if not found:
-            break
+    while (read := capture.read())[0]:
+        frame = read[1]
         if frames == 0:
             tracker.init(frame, box)
         else:

@@ -1,4 +1,4 @@
-"""Many seeds and many values of a setting through one video, in one compiled call each.
+"""Many seeds and many values of a setting through one video, in one call each.
 
 python examples/sweep_seeds.py
 """
@@ -26,7 +26,7 @@ def main(
     keys = jax.vmap(jax.random.key)(jnp.arange(seeds))
     by_seed = errors(dcs_jax.track_batch(clip.frames, boxes, keys, config))
     print("by seed:", " ".join(f"{error:.1f}" for error in by_seed), "px")
-    # A number of the settings may be an array, one value a track. Nothing is compiled again.
+    # A number of the settings may be an array, one value a track: other values compile nothing.
     priors = np.linspace(0.0, 1.4, seeds)
     swept = dataclasses.replace(config, prior=priors)
     by_prior = errors(dcs_jax.track_batch(clip.frames, boxes, config=swept))

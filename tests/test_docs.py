@@ -32,10 +32,10 @@ def test_what_a_page_links_to_is_there(page):
             assert (page.parent / target).exists(), target
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_is_built_only_if_it_is_in_the_navigation(page):
-    if page.is_relative_to(ROOT / "docs"):
-        assert str(page.relative_to(ROOT / "docs")) in (ROOT / "mkdocs.yml").read_text()
+def test_every_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text()
+    for page in ROOT.glob("docs/**/*.md"):
+        assert f"- {page.relative_to(ROOT / 'docs')}\n" in navigation
 
 
 # One place makes each figure: the table of benchmarks/README.md that the command wrote.

@@ -230,7 +230,7 @@ def _follow(
     """
     waiting = deque(sorted(runs, key=lambda run: run.start))
     begin = waiting[0].start
-    most = FEW_SLOTS if len(waiting) <= FEW_SLOTS < SLOTS else SLOTS
+    most = min(FEW_SLOTS, SLOTS) if len(waiting) <= FEW_SLOTS else SLOTS
     first = [run for run in waiting if run.start == begin][:most]
     for _ in first:
         waiting.popleft()
