@@ -1,6 +1,7 @@
 """Tracks frame by frame, as a loop over a camera has them: the habits of OpenCV's trackers."""
 
 import functools
+from collections import deque
 from typing import Any, Literal, NamedTuple
 
 import cv2
@@ -13,10 +14,11 @@ from dcs_jax import tracker
 from dcs_jax.checks import check_box, check_choice, check_count, check_frame
 from dcs_jax.config import Config, check_config, resolve_all, single_precision
 from dcs_jax.io.chunks import aligned
+from dcs_jax.runners.programs import without_pool
 from dcs_jax.runners.sequence import init_track
 from dcs_jax.runners.slots import Slots
 from dcs_jax.runners.stream import MOST_SLOTS
-from dcs_jax.types import BoxLike, State, StepInfo
+from dcs_jax.types import BoxLike, Pool, State, StepInfo
 
 Order = Literal["rgb", "bgr"]
 Box = tuple[float, float, float, float]
@@ -48,8 +50,8 @@ class Tracker:
     array of NumPy or JAX or an image of PIL; its memory may be used again after the call.
 
     result: what the last frame yielded, a `Result`.
-    state: all that the track carries, a `State`. It is never changed: kept, it can be set again to
-        go back, also in another tracker of the same settings.
+    state: all that the track carries, a `State`, copied. Kept, it can be set again to go back, also
+        in another tracker of the same settings.
     """
 
     def __init__(self, config: Config = Config(), seed: int = 0, order: Order = "rgb") -> None:
@@ -61,8 +63,9 @@ class Tracker:
         self._order = order
         self._numbers: list[jax.Array] = []
         self._settings: Any = None  # what is static of the settings
-        self._state: State | None = None
-        self._row: jax.Array | None = None
+        self._pool: Any = None  # `Pool`
+        # The state without the pool, and what the last frame yielded; empty before `init`.
+        self._track: deque[tuple[State, jax.Array | None]] = deque(maxlen=1)
         self._frame: NDArray[np.uint8] | None = None
 
     def init(self, frame: Any, box: BoxLike) -> None:
@@ -82,7 +85,7 @@ class Tracker:
         Raises ValueError before `init`, or where the frame is not like those before it.
         """
         image = as_frame(frame, self._order)
-        if self._state is None:
+        if not self._track:
             raise ValueError("the tracker has no track: call init with a frame and a box first")
         if self._frame is not None and image.shape != self._frame.shape:
             raise ValueError(
@@ -91,8 +94,11 @@ class Tracker:
             )
         self._frame = image
         # The array of NumPy itself, and numbers that are on the device: what JAX does for others in
-        # Python would take a tenth of the step.
-        self._state, self._row = _step(self._state, image, self._numbers, self._settings)
+        # Python would take a tenth of the step. All in one call of C: Ctrl-C cannot come after the
+        # last state was given up and before there is a new one.
+        state, _ = self._track[0]
+        arguments = state, self._pool, image, self._numbers, self._settings
+        self._track.extend(map(_step, *([argument] for argument in arguments)))
         result = self.result
         return not result.lost, result.box
 
@@ -113,30 +119,34 @@ class Tracker:
 
     @property
     def result(self) -> Result:
-        if self._row is None:
+        if not self._track or self._track[0][1] is None:
             raise ValueError("the tracker has no result: call init with a frame and a box first")
-        x, y, w, h, confidence, lost, *_ = row = np.asarray(self._row).tolist()
+        x, y, w, h, confidence, lost, *_ = row = np.asarray(self._track[0][1]).tolist()
         scores = np.array(row[_SCORES:], np.float32)
         return Result((x, y, w, h), confidence, bool(lost), scores)
 
     @property
     def state(self) -> State:
-        if self._state is None:
+        if not self._track:
             raise ValueError("the tracker has no state: call init with a frame and a box first")
-        return self._state
+        state, _ = self._track[0]
+        return _copied(state)._replace(pool=self._pool)
 
     @state.setter
     def state(self, state: State) -> None:
         if not isinstance(state, State):
             raise ValueError(f"state must be a dcs_jax.State, but is {state!r}")
         self._settle(np.r_[0, 0, state.initial_size])
-        self._state = state
+        self._pool = state.pool
+        row = self._track[0][1] if self._track else None
+        self._track.append((_copied(without_pool(state, state.pool)), row))
 
     def _begin(self, image: Any, box: NDArray[np.float32], key: jax.Array) -> None:
         config = self._settle(box)
         self._frame = image
-        self._state, info = init_track(image, box, key, config)
-        self._row = _row(info)
+        state, info = init_track(image, box, key, config)
+        self._pool = state.pool
+        self._track.append((without_pool(state, state.pool), _row(info)))
 
     def _settle(self, box: NDArray[Any]) -> Config:
         """The settings for a box, whose numbers are then not sent with every frame."""
@@ -262,13 +272,19 @@ def _result(rows: StepInfo, slot: int) -> Result:
     return Result((x, y, w, h), confidence, lost, np.asarray(rows.part_scores[slot, 0]))
 
 
-@functools.partial(jax.jit, static_argnames="settings")
+# The state's memory is used again: that of a new one would take a tenth of the step.
+@functools.partial(jax.jit, static_argnames="settings", donate_argnames="state")
 def _step(
-    state: State, frame: Any, numbers: list[jax.Array], settings: Any
+    state: State, pool: Pool, frame: Any, numbers: list[jax.Array], settings: Any
 ) -> tuple[State, jax.Array]:
     """`step`, and what a user sees of it in one array: each one fetched takes 20 us."""
-    state, info = tracker.step(state, frame, jax.tree.unflatten(settings, numbers))
-    return state, _row(info)
+    config = jax.tree.unflatten(settings, numbers)
+    state, info = tracker.step(state._replace(pool=pool), frame, config)
+    return without_pool(state, pool), _row(info)
+
+
+def _copied(state: State) -> State:
+    return jax.tree.map(jnp.array, state)
 
 
 def _row(info: StepInfo) -> jax.Array:
