@@ -77,10 +77,16 @@ class TranslationFilter:
 
     weight: Number = not_negative(15.0)
     """Weight of the response, about 1 where the filter is sure, in the score map."""
-    learning_rate: Number = share(0.02)
+    learning_rate: Number = share(0.03)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    first_frame: Number = share(0.4)
+    first_frame: Number = share(0.3)
     """Weight of the first frame's filter in the response, in [0, 1]: against slow drift."""
+    window_factor: float = static(
+        4.5, check_between, expected="finite and above 1", low=1, high=math.inf
+    )
+    """Side of the window that the filter sees, in object sides, above 1. Where it is larger than
+    the search window, this is searched around the filter's peak, and the classifiers learn their
+    background from the corners of the larger one. Static."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -98,7 +104,7 @@ class ScaleFilter:
     present one at most 10. Static."""
     learning_rate: Number = share(0.025)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    initial_pull: Number = share(0.04)
+    initial_pull: Number = share(0.02)
     """Pull of the estimated scale towards the initial one, in [0, 1]: each frame moves the log
     scale back by pull * (1 - similarity) of its distance. Without verification there is no pull."""
 
@@ -129,10 +135,16 @@ class Verification:
     one in ten has one above 0.4."""
     template_rate: Number = share(0.05)
     """Learning rate of the online template, in [0, 1]."""
+    recent_rate: Number = share(0.07)
+    """Learning rate of the recent template, in [0, 1], which follows changes that the online one
+    does not: what was followed of late, if not what was recognised."""
     template_penalty: Number = not_negative(0.1)
-    """Reduction of the similarity to the online template, which may have drifted; a cosine."""
-    learn_above: Number = share(0.7)
-    """Confidence above which a frame is learned from, and the scale followed."""
+    """Reduction of the similarity to these two, which may have drifted; a cosine."""
+    learn_above: Number = share(0.4)
+    """Confidence above which the classifiers, the filters and the recent template learn."""
+    sure_above: Number = share(0.7)
+    """Confidence above which the scale is followed and the online template learns; and, after half
+    of `patience`, everything else, or what is in front of the object would be learned."""
     lost_below: Number = share(0.5)
     """Confidence up to which the object counts as missed in a frame."""
     recover_above: Number = share(0.9)
@@ -312,27 +324,40 @@ class Config:
 
     @property
     def grid(self) -> "Grid":
-        """The cells of object and window.
+        """The cells of object and window: the larger one of search and translation filter.
 
         Raises ValueError while they depend on the box (`resolve`), and where the window has more
         than 4096 cells on a side.
         """
+        if self.translation is None:
+            return self.search_grid
+        return self._grid(max(self.window_factor, self.translation.window_factor))
+
+    @property
+    def search_grid(self) -> "Grid":
+        """The cells of object and search window, in which the classifiers vote.
+
+        Raises ValueError as `grid` does.
+        """
+        return self._grid(self.window_factor)
+
+    def _grid(self, window_factor: float) -> "Grid":
         if self.canvas == "native" or self.window_minimum > 0:
             raise ValueError(
                 f"canvas={self.canvas!r} with window_minimum={self.window_minimum} takes its shape "
                 "from the box: call config.resolve(box) first"
             )
         rows, columns = self.canvas if isinstance(self.canvas, tuple) else (self.canvas,) * 2
-        if max(rows, columns) * self.window_factor > _MOST_CELLS:
+        if max(rows, columns) * window_factor > _MOST_CELLS:
             raise ValueError(
-                f"canvas={self.canvas!r} with window_factor={self.window_factor:g} gives a window "
+                f"canvas={self.canvas!r} with window_factor={window_factor:g} gives a window "
                 f"of more than {_MOST_CELLS} cells on a side"
             )
         return Grid(
             rows,
             columns,
-            margin_rows=round(rows * (self.window_factor - 1) / 2),
-            margin_columns=round(columns * (self.window_factor - 1) / 2),
+            margin_rows=round(rows * (window_factor - 1) / 2),
+            margin_columns=round(columns * (window_factor - 1) / 2),
         )
 
     def resolve(self, box: BoxLike) -> "Config":

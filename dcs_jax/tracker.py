@@ -17,7 +17,7 @@ from dcs_jax.checks import check_box, check_frame, check_key, shown
 from dcs_jax.config import Config, Grid, single_precision
 from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
-from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak, middle_confidence
+from dcs_jax.core.search import confidence_map, find_peak, middle_confidence, search_window
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
@@ -183,53 +183,60 @@ def _localise(
     view: _View,
 ) -> Candidate:
     """The most likely position of the object in the window around a box (lines 1-3)."""
-    maps = confidence_map(view.window, state.pool, state.weak, state.strong, config)
-    score_map = maps.score_map
+    middle = jnp.zeros(2, jnp.int32)
+    response = None
     if state.translation and config.translation:
         assert view.spectrum is not None
-        score_map += translation.score(
-            state.translation, view.spectrum, config.translation, config.grid
-        )
+        response = translation.respond(state.translation, view.spectrum, config.translation)
+        middle = translation.search_middle(response, box, frame.shape, config)
+    window = search_window(view.window, middle, config)
+    maps = confidence_map(window, state.pool, state.weak, state.strong, config)
+    score_map = maps.score_map
+    if response is not None:
+        score_map += translation.score(response, middle, config)
     # The translation filter's response is smooth, which the votes are not.
-    subcell = config.translation is not None
-    displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell)
-    return _candidate(state, box, displacement, maps, view.window, frame.shape, config)
+    subcell = response is not None
+    displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell, middle=middle)
+    row, column = jnp.round(displacement).astype(jnp.int32) - middle
+    noisy_or, part_scores = maps.at(
+        row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
+    )
+    moved = _move(box, displacement, frame.shape, config.grid)
+    here = Candidate(moved, noisy_or, jnp.full_like(noisy_or, jnp.nan), part_scores)
+    return _measured(state, here, displacement, view.window, frame.shape, config)
 
 
-def _candidate(
+def _measured(
     state: State,
-    box: Float[Array, "4"],
+    candidate: Candidate,
     displacement: Float[Array, "2"],
-    maps: ConfidenceMap,
     window: Float[Array, "lines_y lines_x"],
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Candidate:
-    """The candidate at a displacement, in cells, from the middle of the window around a box.
+    """The candidate with its scale and confidence.
 
-    The maps are read at the candidate position nearest to it.
+    window: [G_y + 1, G_x + 1]. displacement: [2], of the candidate from its middle, cells.
     """
-    grid = config.grid
-    middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
-    row, column = jnp.round(displacement).astype(jnp.int32) + middle
-    noisy_or, part_scores = maps.at(row, column, config)
-    box = _move(box, displacement, frame_shape, grid)
-    confidence = jnp.full_like(noisy_or, jnp.nan)
+    box, confidence = candidate.box, candidate.confidence
     descriptions = _describe(window, displacement, config)
-    similarity = jnp.ones_like(noisy_or)
+    similarity = jnp.ones_like(confidence)
     if state.verification and config.verification:
-        similarity = verification.similarity(
-            state.verification, _own_scale(descriptions), config.verification
-        )
+        description = _own_scale(descriptions)
+        similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
+        similarity = verification.recent_similarity(
+            state.verification, description, config.verification
+        )
     if state.scale and config.scale:
         steps = scale.estimate(state.scale, descriptions)
         if config.verification is not None:
             steps -= scale.pull(box, state.initial_size, similarity, config.scale)
             # Where the object is not verified, behind something perhaps, it keeps its size.
-            steps = jnp.where(confidence > config.verification.learn_above, steps, 0)
+            followed = verification.score(similarity, config.verification)
+            steps = jnp.where(followed > config.verification.sure_above, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
-    return Candidate(box, noisy_or, confidence, part_scores)
+    return candidate._replace(box=box, confidence=confidence)
 
 
 def _update(
@@ -266,26 +273,22 @@ def _gated(
 ) -> tuple[State, Candidate]:
     """The updated state where the object is verified, and else the last; with the confidence.
 
-    It is verified once more in the window around the new box, whose size has changed. A frame is
-    learned from above `learn_above`, also while the object is lost. Otherwise, where it is missed,
-    the search continues from where it was last.
+    It is verified once more in the window around the new box, whose size has changed. Otherwise,
+    where it is missed, the search continues from where it was last.
     """
-    known, settings = state.verification, config.verification
-    assert known
-    assert settings
-    description = _own_scale(descriptions)
-    confidence = verification.score(verification.similarity(known, description, settings), settings)
-    counted = verification.step(known, confidence, settings)
-    updated = updated._replace(verification=verification.update(counted, description, settings))
-    box = jnp.where(counted.num_missed == 0, updated.box, state.box)
-    waiting = state._replace(box=box, verification=counted)
-    learn = confidence > settings.learn_above
+    assert state.verification
+    assert config.verification
+    known, confidence, learn = verification.update(
+        state.verification, _own_scale(descriptions), config.verification
+    )
+    box = jnp.where(known.num_missed == 0, updated.box, state.box)
 
     def choose(new: Any, old: Any) -> Any:
         # What is the same in both, the features above all, is not copied.
         return old if new is old else jnp.where(learn, new, old)
 
-    return jax.tree.map(choose, updated, waiting), best._replace(confidence=confidence)
+    chosen = jax.tree.map(choose, updated, state._replace(box=box))
+    return chosen._replace(verification=known), best._replace(confidence=confidence)
 
 
 def _learn(
@@ -330,6 +333,18 @@ def check_state(state: Any, config: Config) -> None:
             raise ValueError(
                 f"config.{name} is {'set' if wants else 'None'}, but the state was initialised "
                 f"{'with' if has else 'without'} it: expected the components given to init"
+            )
+
+    if state.translation and config.translation:
+        expected, found = (
+            translation.spectrum_shape(config.grid),
+            np.shape(state.translation.running.denominator),
+        )
+        if found != expected:
+            raise ValueError(
+                f"state.translation must have spectra of the shape {expected}, of the canvas and "
+                f"translation.window_factor={config.translation.window_factor:g}, but they have "
+                f"{found}"
             )
 
 

@@ -103,12 +103,14 @@ class VerificationState(NamedTuple):
     """What the object looks like, and for how long it has been missed.
 
     initial: [D] float32, template of the first frame, a unit vector without its mean.
-    online: [D] float32, running mean of the templates of the frames that were learned from.
+    online: [D] float32, running mean of the templates of the frames in which it was recognised.
+    recent: [D] float32, a quicker mean, of all frames that were learned from.
     num_missed: [] int32, frames in a row in which the object was not verified.
     """
 
     initial: Float[Array, " D"]
     online: Float[Array, " D"]
+    recent: Float[Array, " D"]
     num_missed: Int32[Array, ""]
 
 

@@ -92,8 +92,11 @@ def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
     if state.scale and config.scale:
         tracker.scale = reference_filter(state.scale, (config.scale.num_scales,))
     if state.verification:
-        initial, online, num_missed = state.verification
+        initial, online, recent, num_missed = state.verification
         tracker.verification = VerificationState(
-            np.asarray(initial, float), np.asarray(online, float), int(num_missed)
+            np.asarray(initial, float),
+            np.asarray(online, float),
+            np.asarray(recent, float),
+            int(num_missed),
         )
     return tracker

@@ -158,7 +158,7 @@ def test_the_papers_preset_takes_its_shapes_from_the_box():
 def test_a_canvas_does_not_depend_on_the_box():
     config = Config()
     assert config.resolve((10, 10, 30, 62)) is config
-    assert config.grid.positions == (61, 61)
+    assert config.search_grid.positions == (61, 61)
 
 
 def test_fields_of_the_papers_preset_can_be_changed():
@@ -232,7 +232,7 @@ def test_settings_pass_jit_vmap_and_eval_shape():
 
 
 def test_a_window_of_too_many_cells_is_refused():
-    with pytest.raises(ValueError, match=r"canvas=4000 with window_factor=2\.5 .* 4096 cells"):
+    with pytest.raises(ValueError, match=r"canvas=4000 with window_factor=4\.5 .* 4096 cells"):
         _ = Config(canvas=4000).grid
     with pytest.raises(ValueError, match=r"canvas must be .* at most 4096"):
         Config.paper().resolve((0, 0, 30, 5000))

@@ -75,4 +75,4 @@ def test_the_box_is_resized_around_its_centre_within_limits():
 def test_the_pull_is_a_share_of_the_grown_steps(similarity):
     box, initial = jnp.array([0.0, 0, 40 * 1.04**6, 30 * 1.04**6]), jnp.array([40.0, 30.0])
     found = scale.pull(box, initial, jnp.float32(similarity), SETTINGS)
-    assert found == pytest.approx(6 * 0.04 * (1 - similarity), abs=1e-4)
+    assert found == pytest.approx(6 * SETTINGS.initial_pull * (1 - similarity), abs=1e-4)

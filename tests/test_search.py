@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from layout import in_reference_order, reference_pool
 
@@ -23,8 +23,9 @@ BOX = np.array([100, 120, 30, 24], np.float32)
 
 
 @functools.partial(jax.jit, static_argnames="subcell")
-def peak_of(score_map, box, config, subcell):
-    return find_peak(score_map, box, FRAME, config, subcell=subcell)
+def peak_of(score_map, box, config, subcell, middle=(0, 0)):
+    middle = jnp.asarray(middle, jnp.int32)
+    return find_peak(score_map, box, FRAME, config, subcell=subcell, middle=middle)
 
 
 def random_classifiers(seed: int, weak_rule: str = "midpoint"):
@@ -37,7 +38,9 @@ def random_classifiers(seed: int, weak_rule: str = "midpoint"):
         jnp.asarray(generator.integers(0, 3, (5, 4)), jnp.int32),
         jnp.asarray(generator.uniform(0, 3, (5, 4)), jnp.float32),
     )
-    integral = reference.integral(generator.integers(-99, 99, CONFIG.grid.window).astype(float))
+    integral = reference.integral(
+        generator.integers(-99, 99, CONFIG.search_grid.window).astype(float)
+    )
     return pool, weak, strong, integral
 
 
@@ -61,7 +64,7 @@ def test_map_is_that_of_the_reference(rule, smoothing):
                 mean[chosen],
                 None if sigma is None else sigma[chosen],
                 np.asarray(strong.alpha[k], float),
-                config.grid,
+                config.search_grid,
             )
         )
     probabilities = reference.part_probabilities(np.stack(maps), smoothing)
@@ -112,30 +115,37 @@ def test_under_vmap_the_maps_are_the_same():
     prior=st.sampled_from([0.0, 0.6, 5.0]),
     x=st.integers(-10, 290),
     subcell=st.booleans(),
+    middle=st.tuples(st.integers(-12, 12), st.integers(-10, 10)),
 )
-def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell):
+def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell, middle):
     generator = np.random.default_rng(seed)
     # Few levels make plateaus, as hard votes do.
-    score_map = generator.integers(0, levels, CONFIG.grid.positions).astype(float)
+    score_map = generator.integers(0, levels, CONFIG.search_grid.positions).astype(float)
     box = np.array([x, *BOX[1:]], np.float32)
     config = Config(canvas=(12, 10), prior=prior)
-    scores = reference.with_motion_prior(score_map, box, FRAME, config.grid, prior)
-    expected = reference.peak(scores, reference.squared_distances(box, config.grid), subcell)
-    found = peak_of(score_map.astype(np.float32), box, config, subcell)
+    middle, grid = np.array(middle), config.search_grid
+    reach = reference.reachable(box, FRAME, config.grid)
+    scores = reference.with_motion_prior(score_map, box, reach, grid, prior, middle)
+    distances = reference.squared_distances(box, grid, middle)
+    assume(np.isfinite(scores).any())
+    expected = middle + reference.peak(scores, distances, subcell)
+    found = peak_of(score_map.astype(np.float32), box, config, subcell, middle)
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_a_flat_map_is_no_motion():
-    found = peak_of(jnp.ones(CONFIG.grid.positions), BOX, Config(canvas=(12, 10)), subcell=True)
+    found = peak_of(
+        jnp.ones(CONFIG.search_grid.positions), BOX, Config(canvas=(12, 10)), subcell=True
+    )
     assert jnp.abs(found).max() < 1e-6
 
 
 def test_a_plateau_gives_its_centroid_and_not_its_first_position():
-    score_map = np.zeros(CONFIG.grid.positions, np.float32)
+    score_map = np.zeros(CONFIG.search_grid.positions, np.float32)
     score_map[2:5, 6:8] = 1
     config = Config(canvas=(12, 10), prior=0.0)
     found = peak_of(jnp.asarray(score_map), BOX, config, subcell=True)
-    middle = (config.grid.margin_rows, config.grid.margin_columns)
+    middle = (config.search_grid.margin_rows, config.search_grid.margin_columns)
     np.testing.assert_allclose(found, [3 - middle[0], 6.5 - middle[1]], atol=1e-6)
 
 

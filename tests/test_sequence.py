@@ -216,6 +216,16 @@ def test_a_chunk_of_bad_arguments_is_refused(arguments, message):
         dcs_jax.track_chunk(**({"state": state, "frames": FRAMES, "config": SMALL} | arguments))
 
 
+def test_a_filter_that_sees_another_window_is_refused():
+    state = jax.eval_shape(dcs_jax.init, FRAMES[0], BOX, jax.random.key(0), SMALL_DEFAULT)
+    config = dataclasses.replace(
+        SMALL_DEFAULT, translation=dcs_jax.TranslationFilter(window_factor=3.0)
+    )
+    message = r"state\.translation must have .* \(30, 16\), .*window_factor=3, .* \(45, 23\)"
+    with pytest.raises(ValueError, match=message):
+        dcs_jax.track_chunk(state=state, frames=FRAMES, config=config)
+
+
 def test_a_config_of_another_type_is_refused():
     with pytest.raises(ValueError, match=r"must be a dcs_jax\.Config, but is 'paper'"):
         dcs_jax.track_sequence(FRAMES, BOX, config="paper")

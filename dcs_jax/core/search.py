@@ -59,9 +59,9 @@ def confidence_map(
 ) -> ConfidenceMap:
     """Let the strong part classifiers vote at every position, smooth, and fuse by Noisy-OR.
 
-    integral: [G_y + 1, G_x + 1], of the window around the last box.
+    integral: [S_y + 1, S_x + 1], of the search window.
     """
-    return _fuse(_part_votes(integral, pool, weak, strong, config.grid), config)
+    return _fuse(_part_votes(integral, pool, weak, strong, config.search_grid), config)
 
 
 @jax.named_scope("confidence map")
@@ -113,6 +113,24 @@ def _fuse(votes: Float[Array, "K C_y C_x"], config: Config) -> ConfidenceMap:
     return ConfidenceMap(parts, unsmoothed, _smooth(unsmoothed, config.smoothing))
 
 
+def search_window(
+    integral: Float[Array, "lines_y lines_x"], middle: Int32[Array, "2"], config: Config
+) -> Float[Array, "rows columns"]:
+    """The search window within the whole one: [S_y + 1, S_x + 1], integral image.
+
+    integral: [G_y + 1, G_x + 1]. middle: [2], displacement from its middle, down and right, cells.
+    """
+    whole, searched = config.grid, config.search_grid
+    if whole == searched:
+        return integral
+    margins = [
+        whole.margin_rows - searched.margin_rows,
+        whole.margin_columns - searched.margin_columns,
+    ]
+    start = jnp.array(margins, jnp.int32) + middle
+    return jax.lax.dynamic_slice(integral, start, [side + 1 for side in searched.window])
+
+
 @jax.named_scope("peak")
 def find_peak(
     score_map: Float[Array, "C_y C_x"],
@@ -121,28 +139,29 @@ def find_peak(
     config: Config,
     *,
     subcell: bool,
+    middle: Int32[Array, "2"],
 ) -> Float[Array, "2"]:
-    """Displacement of the object from the middle of the window: [2] down and right, cells.
+    """Displacement of the object from the last box: [2] down and right, cells.
 
     The best score, less the motion prior, often holds on a plateau, since votes are hard: of the
-    best positions the one nearest to the middle, and of the plateau around it the centroid. The
+    best positions the one nearest to the last, and of the plateau around it the centroid. The
     first index would drift up and to the left even on a still scene.
 
     score_map: [C_y, C_x]. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    middle: [2], displacement of the search window from the last box, down and right, cells.
     subcell: whether a single best position is refined by a parabola through its neighbours, for a
         score map that is smooth.
     """
-    grid = config.grid
-    low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
-    down = jnp.arange(grid.positions[0], dtype=jnp.float32)[:, None] - grid.margin_rows
-    right = jnp.arange(grid.positions[1], dtype=jnp.float32)[None, :] - grid.margin_columns
-    _, _, w, h = box
-    # d^2 / (w h), with d in pixels.
-    squared = (down / grid.rows) ** 2 * (h / w) + (right / grid.columns) ** 2 * (w / h)
-    in_reach = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
-    score = jnp.where(in_reach, score_map - config.prior * squared, -jnp.inf)
-    best = score >= score.max() - _PLATEAU
-    nearest = jnp.argmin(jnp.where(best, squared, jnp.inf)).astype(jnp.int32)
+    grid = config.search_grid
+    down, right = (
+        jnp.arange(-margin, margin + 1, dtype=jnp.float32) + offset.astype(jnp.float32)
+        for margin, offset in zip((grid.margin_rows, grid.margin_columns), middle, strict=True)
+    )
+    down, right = down[:, None], right[None, :]
+    squared = squared_displacement(down, right, box, grid)
+    score = score_map - config.prior * squared
+    score = jnp.where(in_reach(down, right, box, frame_shape, config), score, -jnp.inf)
+    best, nearest = best_positions(score, squared)
     seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
@@ -153,6 +172,37 @@ def find_peak(
     near = jax.lax.dynamic_slice(around, (row, column), (3, 3))
     offset = jnp.stack([parabola_peak(*near[:, 1]), parabola_peak(*near[1])])
     return jnp.where(plateau.sum() > 1, centroid, centroid + offset)
+
+
+def best_positions(
+    score: Float[Array, "rows columns"], squared: Float[Array, "rows columns"]
+) -> tuple[Bool[Array, "rows columns"], Int32[Array, ""]]:
+    """The positions that share the best score, and the number of the least displaced of them."""
+    best = score >= score.max() - _PLATEAU
+    return best, jnp.argmin(jnp.where(best, squared, jnp.inf)).astype(jnp.int32)
+
+
+def squared_displacement(
+    down: Float[Array, "rows 1"],
+    right: Float[Array, "1 columns"],
+    box: Float[Array, "4"],
+    grid: Grid,
+) -> Float[Array, "rows columns"]:
+    """d^2 / (w h) of displacements in cells, with d in pixels; box: [4], the last one."""
+    _, _, w, h = box
+    return (down / grid.rows) ** 2 * (h / w) + (right / grid.columns) ** 2 * (w / h)
+
+
+def in_reach(
+    down: Float[Array, "rows 1"],
+    right: Float[Array, "1 columns"],
+    box: Float[Array, "4"],
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> Bool[Array, "rows columns"]:
+    """Whether the box may be displaced so, in cells; box: [4], the last one (`reach`)."""
+    low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
+    return (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
 
 
 def parabola_peak(

@@ -10,21 +10,21 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from dcs_jax.config import Verification
-from dcs_jax.types import VerificationState
+from dcs_jax.types import Scalar, VerificationState
 
 _ROUNDING = 1e-6
 
 
 def init(description: Float[Array, " D"]) -> VerificationState:
     """The state after the first frame, from the description of the initial box."""
-    return VerificationState(description, description, jnp.zeros((), jnp.int32))
+    return VerificationState(description, description, description, jnp.zeros((), jnp.int32))
 
 
 @jax.named_scope("verification")
 def similarity(
     state: VerificationState, description: Float[Array, " D"], settings: Verification
 ) -> Float[Array, ""]:
-    """How alike a patch is to the object's templates: [] in [-1, 1].
+    """How alike a patch is to what the object is known to look like: [] in [-1, 1].
 
     The cosine to the initial template, or that to the online one less `template_penalty`.
     """
@@ -35,6 +35,17 @@ def similarity(
     )
 
 
+@jax.named_scope("verification")
+def recent_similarity(
+    state: VerificationState, description: Float[Array, " D"], settings: Verification
+) -> Float[Array, ""]:
+    """How alike a patch is to what was followed of late: [] in [-1, 1].
+
+    `similarity` with the recent template in place of the online one.
+    """
+    return similarity(state._replace(online=state.recent), description, settings)
+
+
 def score(similarity: Float[Array, ""], settings: Verification) -> Float[Array, ""]:
     """The probability that the box overlaps the object by more than half: [] in [0, 1].
 
@@ -43,25 +54,64 @@ def score(similarity: Float[Array, ""], settings: Verification) -> Float[Array, 
     return jax.nn.sigmoid(settings.slope * (similarity - settings.middle))
 
 
-def step(
-    state: VerificationState, confidence: Float[Array, ""], settings: Verification
-) -> VerificationState:
-    """The state with the frames in which the object was missed, 0 where it is verified.
+def is_missed(
+    state: VerificationState, followed: Float[Array, ""], settings: Verification
+) -> Bool[Array, ""]:
+    """Whether the object is not verified: [] bool.
 
-    A lost object has to be verified as surely at its own position as elsewhere in the frame.
+    One that was missed for some frames has to be recognised surely, a lost one as surely at its own
+    position as elsewhere in the frame.
+
+    followed: confidence by `recent_similarity`.
     """
-    least = jnp.where(is_lost(state, settings), settings.recover_above, settings.lost_below)
-    return state._replace(num_missed=jnp.where(confidence > least, 0, state.num_missed + 1))
+    least = jnp.where(_in_doubt(state, settings), settings.sure_above, settings.lost_below)
+    return followed <= jnp.where(is_lost(state, settings), settings.recover_above, least)
+
+
+def may_learn(
+    state: VerificationState, followed: Float[Array, ""], settings: Verification
+) -> Bool[Array, ""]:
+    """Whether a frame is learned from: [] bool.
+
+    A change is followed as far as it is gradual: one that was missed for some frames is behind
+    something, or gone.
+    """
+    return followed > jnp.where(
+        _in_doubt(state, settings), settings.sure_above, settings.learn_above
+    )
 
 
 def update(
     state: VerificationState, description: Float[Array, " D"], settings: Verification
-) -> VerificationState:
-    """The state after a frame that is learned from."""
-    online = state.online + settings.template_rate * (description - state.online)
-    return state._replace(online=online)
+) -> tuple[VerificationState, Float[Array, ""], Bool[Array, ""]]:
+    """The state after a frame whose box looks so, its confidence, and whether it is learned from.
+
+    The confidence is by the templates of frames in which the object was surely recognised; what is
+    done about the object, by the recent one too.
+    """
+    confidence = score(similarity(state, description, settings), settings)
+    followed = score(recent_similarity(state, description, settings), settings)
+    learn = may_learn(state, followed, settings)
+    missed = is_missed(state, followed, settings)
+
+    def learned(
+        template: Float[Array, " D"], condition: Bool[Array, ""], rate: Scalar
+    ) -> Float[Array, " D"]:
+        return jnp.where(condition, template + rate * (description - template), template)
+
+    after = VerificationState(
+        state.initial,
+        learned(state.online, confidence > settings.sure_above, settings.template_rate),
+        learned(state.recent, learn, settings.recent_rate),
+        jnp.where(missed, state.num_missed + 1, 0),
+    )
+    return after, confidence, learn
 
 
 def is_lost(state: VerificationState, settings: Verification) -> Bool[Array, ""]:
     """Whether the object has been missed for `patience` frames: [] bool."""
     return state.num_missed >= settings.patience
+
+
+def _in_doubt(state: VerificationState, settings: Verification) -> Bool[Array, ""]:
+    return 2 * state.num_missed > settings.patience

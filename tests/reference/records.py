@@ -103,6 +103,7 @@ class TranslationFilter:
     weight: float
     learning_rate: float
     first_frame: float
+    window_factor: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +123,10 @@ class Verification:
     middle: float
     slope: float
     template_rate: float
+    recent_rate: float
     template_penalty: float
     learn_above: float
+    sure_above: float
     lost_below: float
     recover_above: float
     patience: int
@@ -167,11 +170,22 @@ class Settings:
 
     @property
     def grid(self) -> Grid:
-        """The cells of object and window."""
+        """The cells of object and window: of what the translation filter sees if that is more."""
+        if self.translation is None:
+            return self.search_grid
+        return self.with_window(max(self.window_factor, self.translation.window_factor))
+
+    @property
+    def search_grid(self) -> Grid:
+        """The cells of object and search window, where the classifiers vote."""
+        return self.with_window(self.window_factor)
+
+    def with_window(self, window_factor: float) -> Grid:
+        """The cells of the object and of a window of so many of its sides."""
         rows, columns = (self.canvas,) * 2 if isinstance(self.canvas, int) else self.canvas
         return Grid(
             rows,
             columns,
-            margin_rows=round(rows * (self.window_factor - 1) / 2),
-            margin_columns=round(columns * (self.window_factor - 1) / 2),
+            margin_rows=round(rows * (window_factor - 1) / 2),
+            margin_columns=round(columns * (window_factor - 1) / 2),
         )

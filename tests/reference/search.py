@@ -4,19 +4,24 @@ import numpy as np
 from scipy import ndimage
 
 from .records import Floats, Grid, Integers
-from .samples import reachable
 
 PLATEAU = 1e-3  # scores this close to the highest belong to the peak
 
 
-def squared_distances(box: Floats, grid: Grid) -> Floats:
-    """Squared distance d^2 of every position from the middle, [Cy, Cx], pixels squared."""
+HERE = np.zeros(2, np.int64)  # the search window is around the last box
+
+
+def squared_distances(box: Floats, grid: Grid, middle: Integers = HERE) -> Floats:
+    """Squared distance d^2 of every position from the last one, [Cy, Cx], pixels squared.
+
+    middle: [2], displacement of the search window from the last box (down, across), cells.
+    """
     _, _, width, height = box
     distances = np.zeros(grid.positions)
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
-            down = (i - grid.margin_rows) * height / grid.rows
-            across = (j - grid.margin_columns) * width / grid.columns
+            down = (middle[0] + i - grid.margin_rows) * height / grid.rows
+            across = (middle[1] + j - grid.margin_columns) * width / grid.columns
             distances[i, j] = down**2 + across**2
     return distances
 
@@ -24,31 +29,31 @@ def squared_distances(box: Floats, grid: Grid) -> Floats:
 def with_motion_prior(
     score_map: Floats,
     box: Floats,
-    frame_shape: tuple[int, ...],
+    reach: tuple[tuple[int, int], tuple[int, int]],
     grid: Grid,
     prior: float,
-    overhang: float = 0.0,
+    middle: Integers = HERE,
 ) -> Floats:
     """The score map less prior * d^2 / (w h), minus infinity where the object cannot be.
 
-    score_map: [Cy, Cx]. box: [4], the last one. frame_shape: H, W. overhang: see `reachable`.
-    Returns [Cy, Cx].
+    score_map: [Cy, Cx]. box: [4], the last one. reach: from `reachable`. middle: [2], see
+    `squared_distances`. Returns [Cy, Cx].
     """
     _, _, width, height = box
-    scores = score_map - prior * squared_distances(box, grid) / (width * height)
-    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, overhang)
+    scores = score_map - prior * squared_distances(box, grid, middle) / (width * height)
+    (low_y, high_y), (low_x, high_x) = reach
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
-            y, x = i - grid.margin_rows, j - grid.margin_columns
+            y, x = middle[0] + i - grid.margin_rows, middle[1] + j - grid.margin_columns
             if not (low_y <= y <= high_y and low_x <= x <= high_x):
                 scores[i, j] = -np.inf
     return scores
 
 
 def peak(scores: Floats, distances: Floats, subcell: bool = False) -> Floats:
-    """Displacement [2] (down, across) of the peak from the middle, cells.
+    """Displacement [2] (down, across) of the peak from the middle of the map, cells.
 
-    Of the positions within 1e-3 of the highest score take the one nearest to the middle, and with
+    Of the positions within 1e-3 of the highest score take the one nearest to the last, and with
     it all those connected to it, also diagonally: the centroid of this plateau.
 
     scores: [Cy, Cx], from `with_motion_prior`. distances: [Cy, Cx], from `squared_distances`.

@@ -13,7 +13,7 @@ from . import redetection, scale, selection, strong, translation, verification, 
 from .descriptors import describe_scales
 from .filters import Filter
 from .records import Candidate, Floats, Integers, Maps, Pool, Settings, StepInfo
-from .samples import LABELS, training_positions, training_responses
+from .samples import LABELS, reachable, training_positions, training_responses
 from .search import move, nearest_position, peak, squared_distances, with_motion_prior
 from .translation import TranslationState
 from .verification import VerificationState
@@ -129,22 +129,24 @@ class Tracker:
         """The most likely position, and size, of the object in the window around a box."""
         settings, grid = self.settings, self.settings.grid
         cells = self.window(frame, box)
-        maps = self.search(cells, box, frame.shape)
+        maps, middle = self.search(cells, box, frame.shape)
         subcell = settings.translation is not None
-        displacement = peak(maps.scores, squared_distances(box, grid), subcell)
-        row, column = nearest_position(displacement, grid)
+        distances = squared_distances(box, settings.search_grid, middle)
+        displacement = middle + peak(maps.scores, distances, subcell)
+        row, column = nearest_position(displacement, settings.search_grid) - middle
         noisy_or = float(1 - np.exp(-maps.score_map[row, column]))
 
         box = move(box, displacement, frame.shape, grid)
         descriptions = self.describe(cells, displacement)
         confidence, pull, keep_size = math.nan, 0.0, False
         if self.verification and settings.verification:
-            similarity = verification.similarity(
-                self.verification, own_scale(descriptions), settings.verification
-            )
+            known, description = self.verification, own_scale(descriptions)
+            similarity = verification.similarity(known, description, settings.verification)
             confidence = verification.score(similarity, settings.verification)
+            similarity = verification.recent_similarity(known, description, settings.verification)
+            followed = verification.score(similarity, settings.verification)
             # Behind something, perhaps, the object keeps its size.
-            keep_size = not confidence > settings.verification.learn_above
+            keep_size = not followed > settings.verification.sure_above
             if settings.scale:
                 pull = scale.pull(box, self.initial_size, similarity, settings.scale)
         if self.scale and settings.scale and not keep_size:
@@ -152,10 +154,22 @@ class Tracker:
             box = scale.resize(box, steps, frame.shape, settings.scale)
         return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column])
 
-    def search(self, cells: Floats, box: Floats, frame_shape: tuple[int, ...]) -> Maps:
-        """What there is at every position in the window [Gy, Gx] around a box."""
-        settings, grid = self.settings, self.settings.grid
-        window_integral = integral(cells)
+    def search(
+        self, cells: Floats, box: Floats, frame_shape: tuple[int, ...]
+    ) -> tuple[Maps, Integers]:
+        """What there is at every position in the search window within [Gy, Gx] around a box.
+
+        Returns also the displacement [2] of the search window from the box, cells.
+        """
+        settings, whole, grid = self.settings, self.settings.grid, self.settings.search_grid
+        middle, response = np.zeros(2, np.int64), None
+        if self.translation and settings.translation:
+            response = translation.respond(self.translation, cells, settings.translation, whole)
+            middle = translation.search_middle(response, box, frame_shape, settings)
+        top = whole.margin_rows - grid.margin_rows + middle[0]
+        left = whole.margin_columns - grid.margin_columns + middle[1]
+        height, width = grid.window
+        window_integral = integral(cells[top : top + height, left : left + width])
         maps = []
         for k in range(settings.parts):
             features = self.selected_features()[k]
@@ -173,12 +187,11 @@ class Tracker:
         probabilities = strong.part_probabilities(np.stack(maps), settings.smoothing)
         score_map = strong.score_map(probabilities, settings.smoothing)
         scores = score_map
-        if self.translation and settings.translation:
-            scores = scores + translation.score(self.translation, cells, settings.translation, grid)
-        scores = with_motion_prior(
-            scores, box, frame_shape, grid, settings.prior, settings.overhang
-        )
-        return Maps(probabilities, score_map, scores)
+        if response is not None:
+            scores = scores + translation.score(response, middle, settings)
+        reach = reachable(box, frame_shape, whole, settings.overhang)
+        scores = with_motion_prior(scores, box, reach, grid, settings.prior, middle)
+        return Maps(probabilities, score_map, scores), middle
 
     def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
         """The candidate, or a better one in further windows if the object was missed last."""
@@ -222,12 +235,9 @@ class Tracker:
         assert state
         assert settings
         description = own_scale(self.describe(cells, HERE))
-        similarity = verification.similarity(state, description, settings)
-        confidence = verification.score(similarity, settings)
-        state = verification.step(state, confidence, settings)
-        if confidence > settings.learn_above:
+        state, confidence, learn = verification.update(state, description, settings)
+        if learn:
             self.become(updated)
-            state = verification.update(state, description, settings)
         elif state.num_missed == 0:
             self.box = updated.box
         self.verification = state

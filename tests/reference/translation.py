@@ -7,7 +7,9 @@ import numpy as np
 from . import filters
 from .filters import Filter, Spectrum
 from .gradients import gradient_cells
-from .records import Floats, Grid, TranslationFilter
+from .records import Floats, Grid, Integers, Settings, TranslationFilter
+from .samples import reachable
+from .search import PLATEAU
 
 CELLS = 10  # of the filter along the object's shorter side
 SIGMA = 1 / 16  # of the desired output, in sides of the object
@@ -28,12 +30,48 @@ def init(cells: Floats, grid: Grid) -> TranslationState:
     return TranslationState(trained, trained)
 
 
-def score(
+def respond(
     state: TranslationState, cells: Floats, settings: TranslationFilter, grid: Grid
-) -> Floats:
-    """What the filter adds to the score map, [Cy, Cx]: its weighted response."""
+) -> Spectrum:
+    """Spectrum [Y, X] of what the filter adds to the score: its weighted response."""
     mixed = filters.interpolate(state.running, state.first_frame, settings.first_frame)
     return settings.weight * response(mixed, cells, grid)
+
+
+def search_middle(
+    spectrum: Spectrum, box: Floats, frame_shape: tuple[int, ...], settings: Settings
+) -> Integers:
+    """Displacement [2] (down, across), canvas cells, of the search window from the last box.
+
+    The filter's best cell less the motion prior, the nearest one of equals, among those around
+    which the search window does not leave the filter's.
+    """
+    grid, searched, cell = settings.grid, settings.search_grid, cell_side(settings.grid)
+    values = np.fft.ifft2(spectrum).real
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, settings.overhang)
+    most_down = (grid.margin_rows - searched.margin_rows) // cell
+    most_across = (grid.margin_columns - searched.margin_columns) // cell
+    found = []
+    for i in range(-most_down, most_down + 1):
+        for j in range(-most_across, most_across + 1):
+            if low_y <= i * cell <= high_y and low_x <= j * cell <= high_x:
+                down = i * cell * box[3] / grid.rows
+                across = j * cell * box[2] / grid.columns
+                distance = (down**2 + across**2) / (box[2] * box[3])
+                found.append((values[i, j] - settings.prior * distance, distance, i, j))
+    best = max(found)[0]
+    _, _, i, j = min((one for one in found if one[0] >= best - PLATEAU), key=lambda one: one[1])
+    return cell * np.array([i, j])
+
+
+def score(spectrum: Spectrum, middle: Integers, settings: Settings) -> Floats:
+    """What the filter adds to the score map of the search window, [Cy, Cx]: its Fourier series.
+
+    spectrum: from `respond`. middle: [2], canvas cells, of that window.
+    """
+    cell, searched = cell_side(settings.grid), settings.search_grid
+    down = fourier_series(spectrum, middle[0], searched.margin_rows, cell)
+    return fourier_series(down.T, middle[1], searched.margin_columns, cell).T.real
 
 
 def update(
@@ -57,13 +95,10 @@ def train(cells: Floats, grid: Grid) -> Filter:
     return filters.train(features, desired)
 
 
-def response(trained: Filter, cells: Floats, grid: Grid) -> Floats:
-    """The response [Cy, Cx] at every candidate position: its Fourier series there."""
-    spectrum = filters.response(
-        trained, window_features(cells, grid), RIDGE * trained.denominator.mean()
-    )
-    down = fourier_series(spectrum, grid.margin_rows, cell_side(grid))
-    return fourier_series(down.T, grid.margin_columns, cell_side(grid)).T.real
+def response(trained: Filter, cells: Floats, grid: Grid) -> Spectrum:
+    """The spectrum [Y, X] of the filter's response in a window."""
+    ridge = RIDGE * trained.denominator.mean()
+    return filters.response(trained, window_features(cells, grid), ridge)
 
 
 def cell_side(grid: Grid) -> int:
@@ -72,18 +107,25 @@ def cell_side(grid: Grid) -> int:
 
 
 def window_features(cells: Floats, grid: Grid) -> Floats:
-    """Gradients [8, Y, X] of a window: without their mean, faded to the edges, scaled to 1."""
-    features = gradient_cells(cells, cell_side(grid), bilinear=True)
+    """Gradients [8, Y, X] of a window: without their mean, faded to the edges, scaled to 1.
+
+    Of the means of two by two canvas cells where those fill the filter's.
+    """
+    side = cell_side(grid)
+    if side % 2 == 0 and cells.shape[0] % 2 == 0 and cells.shape[1] % 2 == 0:
+        cells = (cells[::2, ::2] + cells[1::2, ::2] + cells[::2, 1::2] + cells[1::2, 1::2]) / 4
+        side //= 2
+    features = gradient_cells(cells, side, bilinear=True)
     _, rows, columns = features.shape
     features = features - features.mean(axis=(1, 2), keepdims=True)
     features = features * filters.hann(rows)[:, None] * filters.hann(columns)
     return features / np.sqrt((features**2).mean() + LEAST_SQUARE)
 
 
-def fourier_series(spectrum: Spectrum, margin: int, cell: int) -> Spectrum:
-    """A signal along the first axis, [2 margin + 1, ...], at -margin .. margin canvas cells.
+def fourier_series(spectrum: Spectrum, middle: int, margin: int, cell: int) -> Spectrum:
+    """A signal along the first axis, [2 margin + 1, ...], up to a margin from middle, canvas cells.
 
-    No further than the signal's own last cell. The highest of an even number of frequencies is its
+    The highest of an even number of frequencies is its
     own negative: half of it turns one way, half the other.
 
     spectrum: [n, ...]. cell: canvas cells per cell of the signal.
@@ -92,7 +134,7 @@ def fourier_series(spectrum: Spectrum, margin: int, cell: int) -> Spectrum:
     values = np.zeros((2 * margin + 1, *spectrum.shape[1:]), complex)
     frequencies = np.array([wrapped(k, count) for k in range(count)])
     for number in range(2 * margin + 1):
-        at = min(max((number - margin) / cell, -(count // 2)), (count - 1) // 2)
+        at = (middle + number - margin) / cell
         waves = np.exp(2j * np.pi * frequencies * at / count) / count
         if count % 2 == 0:
             waves[count // 2] = waves[count // 2].real

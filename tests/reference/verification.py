@@ -12,17 +12,18 @@ LEAST_SQUARE = 1e-6
 class VerificationState(NamedTuple):
     """Templates of the object, unit vectors or a mean of them, and the frames since it was seen.
 
-    initial, online: [D]. num_missed: frames in a row in which the object was not verified.
+    initial, online, recent: [D]. num_missed: frames in a row in which the object was not verified.
     """
 
     initial: Floats
     online: Floats
+    recent: Floats
     num_missed: int
 
 
 def init(description: Floats) -> VerificationState:
     """The state after the first frame; description: [D], of the initial box."""
-    return VerificationState(description, description, 0)
+    return VerificationState(description, description, description, 0)
 
 
 def similarity(state: VerificationState, description: Floats, settings: Verification) -> float:
@@ -32,26 +33,58 @@ def similarity(state: VerificationState, description: Floats, settings: Verifica
     return max(float(state.initial @ description), float(to_online))
 
 
+def recent_similarity(
+    state: VerificationState, description: Floats, settings: Verification
+) -> float:
+    """The same with the recent template in place of the online one."""
+    return similarity(state._replace(online=state.recent), description, settings)
+
+
 def score(similarity: float, settings: Verification) -> float:
     """The confidence in [0, 1]: the logistic function of a similarity."""
     return float(1 / (1 + np.exp(-settings.slope * (similarity - settings.middle))))
 
 
-def step(state: VerificationState, confidence: float, settings: Verification) -> VerificationState:
-    """The state with num_missed after a frame: 0 where the object is verified, else one more.
+def is_missed(state: VerificationState, followed: float, settings: Verification) -> bool:
+    """Whether the object is not verified by the confidence of what was followed of late.
 
-    One that is lost needs more than `recover_above` for that, any other more than `lost_below`.
+    One that is lost needs more than `recover_above`, one that was missed for more than half of the
+    frames until then more than `sure_above`, any other more than `lost_below`.
     """
-    least = settings.recover_above if is_lost(state, settings) else settings.lost_below
-    return state._replace(num_missed=0 if confidence > least else state.num_missed + 1)
+    least = settings.sure_above if in_doubt(state, settings) else settings.lost_below
+    return followed <= (settings.recover_above if is_lost(state, settings) else least)
+
+
+def may_learn(state: VerificationState, followed: float, settings: Verification) -> bool:
+    """Whether a frame is learned from: in doubt only where the object is surely recognised."""
+    return followed > (settings.sure_above if in_doubt(state, settings) else settings.learn_above)
 
 
 def update(
     state: VerificationState, description: Floats, settings: Verification
-) -> VerificationState:
-    """The state after a frame that is learned from: the online template is a running mean."""
-    rate = settings.template_rate
-    return state._replace(online=(1 - rate) * state.online + rate * description)
+) -> tuple[VerificationState, float, bool]:
+    """The state after a frame, the confidence, and whether the rest learns from the frame.
+
+    The online template is a running mean of what was surely recognised by it and the initial one,
+    the recent one of all that was learned from.
+    """
+    confidence = score(similarity(state, description, settings), settings)
+    followed = score(recent_similarity(state, description, settings), settings)
+    learn = may_learn(state, followed, settings)
+    online, recent = state.online, state.recent
+    if confidence > settings.sure_above:
+        rate = settings.template_rate
+        online = (1 - rate) * online + rate * description
+    if learn:
+        rate = settings.recent_rate
+        recent = (1 - rate) * recent + rate * description
+    missed = state.num_missed + 1 if is_missed(state, followed, settings) else 0
+    return VerificationState(state.initial, online, recent, missed), confidence, learn
+
+
+def in_doubt(state: VerificationState, settings: Verification) -> bool:
+    """Whether the object has been missed for more than half of the frames until it is lost."""
+    return 2 * state.num_missed > settings.patience
 
 
 def is_lost(state: VerificationState, settings: Verification) -> bool:
