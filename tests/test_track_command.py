@@ -296,8 +296,11 @@ def piped(clip, *codec):
 
 def tracked_like(path, expected):
     (track,) = read(path).values()
-    assert len(track.boxes) == len(expected)
-    np.testing.assert_allclose(track.boxes, expected, atol=2)
+    assert len(track.boxes) == len(expected.boxes)
+    # While something passes in front the box is a guess, which depends on the compression.
+    seen = expected.confidence > 0.5
+    assert seen.mean() > 0.8
+    np.testing.assert_allclose(track.boxes[seen], expected.boxes[seen], atol=2)
 
 
 @pytest.fixture(scope="module")
@@ -305,7 +308,7 @@ def expected(video, clip, tmp_path_factory):
     out = tmp_path_factory.mktemp("expected") / "boxes.csv"
     good(video, "--box", text(clip.boxes[0]), "--out", out)
     (track,) = read(out).values()
-    return track.boxes
+    return track
 
 
 @pytest.mark.parametrize(
