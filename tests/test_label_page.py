@@ -31,6 +31,9 @@ PATIENT = 120_000  # ms: it may have to compile
 def browser():
     if CHROMIUM is None:
         pytest.skip("there is no Chromium on this machine")
+    # Five seconds, the default, passed once while other tests compiled: what the page does within
+    # 0.1 s beside three busy processes is asked here, not how long it takes.
+    expect.set_options(timeout=PATIENT)
     with playwright.sync_playwright() as engines:
         opened = engines.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield opened
