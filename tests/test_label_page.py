@@ -90,8 +90,9 @@ class Tab:
         self.drag((x, y), (x + w, y + h))
 
     def go(self, frame):
-        self.page.locator("#frame").fill(str(frame))
-        self.page.keyboard.press("Enter")
+        field = self.page.locator("#frame")
+        field.fill(str(frame))
+        field.press("Enter")
         self.is_at(frame)
 
     def is_at(self, frame):
