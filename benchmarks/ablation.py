@@ -3,7 +3,8 @@
     python -m benchmarks.ablation ROOT --base 'default output_size=initial' --seeds 10
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. Results are kept in --out: the same command
-continues where it was stopped. Prints Markdown; --page also writes the report.
+continues where it was stopped. Prints Markdown; --page also writes the report. --ingredients takes
+some of the rows, by their names with commas between.
 """
 
 import argparse
@@ -36,13 +37,16 @@ BEYOND = {
         "redetection=none",
         ",".join(f"{name}=none" for name in COMPONENTS),
     ],
-    "window": ["window_factor=2.0", "window_factor=2.5", "window_factor=3.0"],
+    "search window": ["window_factor=2.0", "window_factor=2.5", "window_factor=3.0"],
+    "window of the filter": ["translation.window_factor=2.5", "translation.window_factor=4.5"],
     "motion prior": ["prior=0.0", "prior=0.6"],
     "smoothing": ["smoothing=0.0", "smoothing=1.5"],
     "translation filter": ["translation.weight=0.0", "translation.weight=15.0"],
-    "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.4"],
-    "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.04"],
-    "learned from every frame": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
+    "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.3"],
+    "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.02"],
+    "recent template": ["verification.recent_rate=0.0", "verification.recent_rate=0.07"],
+    "learning above": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
+    "sure above": ["verification.sure_above=0.4", "verification.sure_above=0.7"],
     "never missed": ["verification.lost_below=0.0", "verification.lost_below=0.5"],
 }
 
@@ -54,6 +58,7 @@ def main() -> None:
     parser.add_argument("--base", default="paper", help="the setting that is changed")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sequences", help="names with commas between (default: all)")
+    parser.add_argument("--ingredients", help="names with commas between (default: all)")
     parser.add_argument("--out", type=Path, default=Path("ablation"))
     parser.add_argument("--page", action="store_true", help="also write index.html")
     arguments = parser.parse_args()
@@ -61,7 +66,13 @@ def main() -> None:
         parser.error("--seeds must be at least 2: differences are tested on pairs of seeds")
     cache()
     base = parse_setting(arguments.base).name
-    settings = [base, *changes(base).values()]
+    rows = ingredients(base)
+    if arguments.ingredients:
+        names = arguments.ingredients.split(",")
+        if unknown := set(names) - rows.keys():
+            parser.error(f"--ingredients must be some of {', '.join(rows)}, not {unknown}")
+        rows = {name: rows[name] for name in names}
+    settings = [base, *changes(base, rows).values()]
     with EvaluationBar() as bar:
         done = evaluate(
             arguments.root,
@@ -75,7 +86,7 @@ def main() -> None:
         print(f"skipped {broken}")
     if done.interrupted:
         raise SystemExit("interrupted: the same command continues from here")
-    print(table(done.summary, base))
+    print(table(done.summary, base, rows))
     if arguments.page:
         from dcs_jax.evaluation.report import write_report
 
@@ -89,20 +100,20 @@ def ingredients(base: str) -> dict[str, list[str]]:
     return INGREDIENTS | (BEYOND if has_all else {})
 
 
-def changes(base: str) -> dict[str, str]:
-    """The setting of each choice that differs from the base."""
+def changes(base: str, rows: dict[str, list[str]]) -> dict[str, str]:
+    """The setting of each choice that differs from the base; rows: as of `ingredients`."""
     config = parse_setting(base).config("")
-    choices = itertools.chain(*ingredients(base).values())
+    choices = itertools.chain(*rows.values())
     settings = {choice: with_changes([base], [choice])[-1] for choice in choices}
     return {
         choice: setting.name for choice, setting in settings.items() if setting.config("") != config
     }
 
 
-def table(summary: Summary, base: str) -> str:
+def table(summary: Summary, base: str, rows: dict[str, list[str]]) -> str:
     """Each ingredient's choices: means, and the difference from the base on the same seeds."""
     sequences = len({sequence for sequence, _ in summary.common})
-    of_base, changed = per_seed(summary, base), changes(base)
+    of_base, changed = per_seed(summary, base), changes(base, rows)
     lines = [
         f"Base: `{base}`; {len(of_base)} seeds, mean over {sequences} sequences. Differences from "
         "it are on the same seeds, with the 95 % interval and p by permutation of signs.",
@@ -111,7 +122,7 @@ def table(summary: Summary, base: str) -> str:
         "| difference, success | p |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for ingredient, choices in ingredients(base).items():
+    for ingredient, choices in rows.items():
         for choice in choices:
             setting = changed.get(choice, base)
             is_base = setting == base

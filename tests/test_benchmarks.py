@@ -71,7 +71,7 @@ def test_operations_count_their_median_less_what_the_profiler_adds():
 
 
 def test_ablation_of_the_default():
-    changed = ablation.changes("default")
+    changed = ablation.changes("default", ablation.ingredients("default"))
     assert changed["verification=none,redetection=none"] == (
         "default verification=none redetection=none"
     )
@@ -84,7 +84,7 @@ def test_ablation_of_the_default():
 
 def test_ablation_of_the_paper_is_without_components():
     assert not set(ablation.BEYOND) & set(ablation.ingredients("paper"))
-    assert "tie=error" in ablation.changes("paper")
+    assert "tie=error" in ablation.changes("paper", ablation.ingredients("paper"))
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import dcs_jax
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "benchmarks" / "README.md"])
 README = (ROOT / "README.md").read_text()
@@ -69,3 +71,14 @@ def test_figures_agree_with_the_measured_ones(name):
     assert len(rows) >= 2
     for row in rows:
         assert re.search(FIGURES[name], row), row
+
+
+def test_the_version_is_the_same_everywhere():
+    newest = re.search(
+        r"^## \[(\d\S*)\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE
+    )
+    assert newest
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert newest.group(1) == dcs_jax.__version__
+    assert f"version: {newest.group(1)}\n" in citation
+    assert f'date-released: "{newest.group(2)}"\n' in citation
