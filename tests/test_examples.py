@@ -1,9 +1,11 @@
 """The examples run, on rendered input, and do what they say."""
 
+import json
 import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 from ffmpeg import write_plain
 from settings import SMALL_DEFAULT
 
@@ -46,3 +48,18 @@ def test_sweep_seeds():
     by_seed, by_prior = main_of("sweep_seeds")(SMALL_DEFAULT, 3, 20)
     assert len(by_seed) == len(by_prior) == 3
     assert np.all(np.array(by_seed + by_prior) < 20)
+
+
+def test_the_notebook(capsys):
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    notebook = json.loads((EXAMPLES / "look_at_a_track.ipynb").read_text())
+    known: dict[str, object] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"]  # they would be pictures in the repository
+            exec("".join(cell["source"]), known)
+    overlaps = known["overlaps"]
+    assert isinstance(overlaps, np.ndarray)
+    assert (overlaps.mean(1) > 0.8).all()
+    assert "each seed" in capsys.readouterr().out
