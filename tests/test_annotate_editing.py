@@ -96,11 +96,15 @@ def test_all_edits_undone_are_the_start_and_done_again_the_end(made):
         apply(editor, edit)
     end = content(editor.project)
     count = 0
-    while editor.undo():
+    while editor.can_undo:
+        assert editor.undo()
         count += 1
+    assert not editor.undo()
     assert not editor.project.objects
-    while editor.redo():
+    while editor.can_redo:
+        assert editor.redo()
         count -= 1
+    assert not editor.redo()
     # What was undone among the edits is done again, too.
     for _ in range(-count):
         editor.undo()

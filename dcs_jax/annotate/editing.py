@@ -109,14 +109,24 @@ class Editor:
         self._object(id)
         self._do(tuple(other for other in self._objects if other.id != id))
 
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to go back before."""
+        return self._now > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether an edit was undone, and none followed."""
+        return self._now + 1 < len(self._states)
+
     def undo(self) -> bool:
         """Go back before the last edit; false where there is none."""
-        self._now -= (possible := self._now > 0)
+        self._now -= (possible := self.can_undo)
         return possible
 
     def redo(self) -> bool:
         """Do again what was undone last; false where nothing was, or an edit followed."""
-        self._now += (possible := self._now + 1 < len(self._states))
+        self._now += (possible := self.can_redo)
         return possible
 
     def fill(self, stretch: Stretch, track: StretchTrack, complete: bool = True) -> bool:

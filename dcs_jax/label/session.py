@@ -159,6 +159,8 @@ class Session:
     def _objects(self, project: Project) -> Message:
         return {
             "type": "objects",
+            "can_undo": self.editor.can_undo,
+            "can_redo": self.editor.can_redo,
             "objects": [
                 {
                     "id": lane.id,

@@ -10,6 +10,8 @@ function numbers(text) {
 export class Model extends EventTarget {
   clip = null;
   objects = new Map();
+  canUndo = false;
+  canRedo = false;
   status = { state: "connecting" };
   saved = { what: "all", problem: null };
   frame = 0;
@@ -96,7 +98,10 @@ export class Model extends EventTarget {
         if (!this.#begun) for (const note of message.notes) this.say(note);
         this.#begun = true;
       },
-      objects: () => this.#takeObjects(message.objects),
+      objects: () => {
+        [this.canUndo, this.canRedo] = [message.can_undo, message.can_redo];
+        this.#takeObjects(message.objects);
+      },
       rows: () => this.#takeRows(message),
       saved: () => (this.saved = message),
       status: () => {

@@ -17,6 +17,7 @@ export class Panel {
       if (["objects", "clip", "selected"].includes(detail)) this.#list();
       if (["rows", "frame"].includes(detail)) this.#states();
       if (detail === "status" || detail === "objects") this.#status();
+      if (detail === "objects") this.#history();
       if (detail === "saved") this.#saved();
       if (detail === "clip") this.#clip();
       if (detail === "frame" || detail === "clip") this.#place();
@@ -32,6 +33,11 @@ export class Panel {
     });
     for (const [id, type] of [["#undo", "undo"], ["#redo", "redo"]])
       $(id).addEventListener("click", () => model.ask(type));
+  }
+
+  #history() {
+    $("#undo").disabled = !this.#model.canUndo;
+    $("#redo").disabled = !this.#model.canRedo;
   }
 
   say(text) {
