@@ -70,7 +70,7 @@ def main() -> None:
     if arguments.ingredients:
         names = arguments.ingredients.split(",")
         if unknown := set(names) - rows.keys():
-            parser.error(f"--ingredients must be some of {', '.join(rows)}, not {unknown}")
+            parser.error(f"--ingredients must be some of {', '.join(rows)}, not {min(unknown)!r}")
         rows = {name: rows[name] for name in names}
     settings = [base, *changes(base, rows).values()]
     with EvaluationBar() as bar:

@@ -42,8 +42,10 @@ def main() -> None:
         state, _ = step(state, frame, config)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.8), layout="constrained")
     _windows(axes[0], clip.frames[FRAME], np.asarray(state.box), config)
-    _scores(axes[1], clip.frames[FRAME], state, config)
-    _features(axes[2], clip.frames[FRAME], state, config)
+    seen = VideoFrame(jnp.asarray(clip.frames), jnp.int32(FRAME))
+    window = window_integral(seen, state.box, config.grid)
+    _scores(axes[1], window, clip.frames.shape[1:], state, config)
+    _features(axes[2], window, state, config)
     figure.savefig(out / "how-it-works.png", dpi=100)
     track = track_sequence(clip.frames, clip.boxes[0], key, config)
     figure, axes = plt.subplots(2, 1, figsize=(9, 3.6), sharex=True, layout="constrained")
@@ -77,14 +79,14 @@ def _windows(axes: Any, frame: np.ndarray, box: np.ndarray, config: Config) -> N
     _finish(axes, "the last box, its nine parts, two windows")
 
 
-def _scores(axes: Any, frame: np.ndarray, state: Any, config: Config) -> None:
+def _scores(
+    axes: Any, window: jax.Array, frame_shape: tuple[int, ...], state: Any, config: Config
+) -> None:
     """The score map of the next frame: votes of the parts, and the translation filter."""
-    seen = VideoFrame(jnp.asarray(frame)[None], jnp.int32(0))
-    window = window_integral(seen, state.box, config.grid)
     assert config.translation is not None
     spectrum = translation.spectrum(window, config.grid)
     response = translation.respond(state.translation, spectrum, config.translation)
-    middle = translation.search_middle(response, state.box, frame.shape, config)
+    middle = translation.search_middle(response, state.box, frame_shape, config)
     searched = search_window(window, middle, config)
     maps = confidence_map(searched, state.pool, state.weak, state.strong, config)
     scores = maps.score_map + translation.score(response, middle, config)
@@ -97,11 +99,10 @@ def _scores(axes: Any, frame: np.ndarray, state: Any, config: Config) -> None:
     axes.set_title("score of every position, and its peak", fontsize=10)
 
 
-def _features(axes: Any, frame: np.ndarray, state: Any, config: Config) -> None:
+def _features(axes: Any, window: jax.Array, state: Any, config: Config) -> None:
     """The features of the whole object that weigh most, on the patch."""
-    seen = VideoFrame(jnp.asarray(frame)[None], jnp.int32(0))
     grid = config.grid
-    cells = np.diff(np.diff(window_integral(seen, state.box, grid), axis=0), axis=1)
+    cells = np.diff(np.diff(window, axis=0), axis=1)
     object_ = cells[grid.margin_rows :, grid.margin_columns :][: grid.rows, : grid.columns]
     strong = state.strong
     best = np.argsort(-np.asarray(strong.alpha[0]))[:FEATURES]

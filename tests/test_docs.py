@@ -2,7 +2,9 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import dcs_jax
@@ -23,9 +25,11 @@ def test_continuous_integration_runs_the_test_line_of_the_readme():
 
 def test_the_first_lines_of_python_run_as_they_stand(capsys):
     first, *_ = re.findall(r"```python\n(.+?)```", README, re.DOTALL)
-    exec(first, {})
-    # Frames called lost: a few while something passes in front.
+    known: dict[str, Any] = {}
+    exec(first, known)
+    # Frames called lost: a few, all of them while something passes in front.
     assert int(capsys.readouterr().out.splitlines()[-1]) <= 5
+    assert (known["clip"].occluded[np.asarray(known["track"].lost)] > 0).all()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

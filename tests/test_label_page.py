@@ -104,11 +104,11 @@ class Tab:
 
     def tracked(self):
         status = self.page.locator("#status-text")
-        expect(status).to_have_text("all tracked", timeout=PATIENT)
+        expect(status).to_have_text("all tracked")
         self.saved()
 
     def saved(self):
-        expect(self.page.locator("#saved")).to_have_attribute("data-state", "all", timeout=PATIENT)
+        expect(self.page.locator("#saved")).to_have_attribute("data-state", "all")
 
     def state(self, text, row=0):
         expect(self.page.locator("#objects .state").nth(row)).to_have_text(text)

@@ -158,10 +158,7 @@ def find_peak(
         for margin, offset in zip((grid.margin_rows, grid.margin_columns), middle, strict=True)
     )
     down, right = down[:, None], right[None, :]
-    squared = squared_displacement(down, right, box, grid)
-    score = score_map - config.prior * squared
-    score = jnp.where(in_reach(down, right, box, frame_shape, config), score, -jnp.inf)
-    best, nearest = best_positions(score, squared)
+    score, best, nearest = best_positions(score_map, down, right, box, frame_shape, config)
     seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
@@ -175,34 +172,28 @@ def find_peak(
 
 
 def best_positions(
-    score: Float[Array, "rows columns"], squared: Float[Array, "rows columns"]
-) -> tuple[Bool[Array, "rows columns"], Int32[Array, ""]]:
-    """The positions that share the best score, and the number of the least displaced of them."""
-    best = score >= score.max() - _PLATEAU
-    return best, jnp.argmin(jnp.where(best, squared, jnp.inf)).astype(jnp.int32)
-
-
-def squared_displacement(
-    down: Float[Array, "rows 1"],
-    right: Float[Array, "1 columns"],
-    box: Float[Array, "4"],
-    grid: Grid,
-) -> Float[Array, "rows columns"]:
-    """d^2 / (w h) of displacements in cells, with d in pixels; box: [4], the last one."""
-    _, _, w, h = box
-    return (down / grid.rows) ** 2 * (h / w) + (right / grid.columns) ** 2 * (w / h)
-
-
-def in_reach(
+    score_map: Float[Array, "rows columns"],
     down: Float[Array, "rows 1"],
     right: Float[Array, "1 columns"],
     box: Float[Array, "4"],
     frame_shape: tuple[int, ...],
     config: Config,
-) -> Bool[Array, "rows columns"]:
-    """Whether the box may be displaced so, in cells; box: [4], the last one (`reach`)."""
+) -> tuple[Float[Array, "rows columns"], Bool[Array, "rows columns"], Int32[Array, ""]]:
+    """The score with the motion prior, which positions share the best, and one of these.
+
+    down, right: displacements of the positions from the last box, cells. box: [4], the last one.
+    Returns score_map - prior * d^2 / (w h), with d in pixels, and -inf where the box may not be
+    (`reach`); where that is at its best; and of these positions the number of the least displaced.
+    """
+    _, _, w, h = box
+    rows, columns = config.grid.rows, config.grid.columns
+    squared = (down / rows) ** 2 * (h / w) + (right / columns) ** 2 * (w / h)
     low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
-    return (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
+    allowed = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
+    score = jnp.where(allowed, score_map - config.prior * squared, -jnp.inf)
+    best = score >= score.max() - _PLATEAU
+    nearest = jnp.argmin(jnp.where(best, squared, jnp.inf)).astype(jnp.int32)
+    return score, best, nearest
 
 
 def parabola_peak(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int32
 
 from dcs_jax.config import Config, Grid, TranslationFilter
-from dcs_jax.core.search import best_positions, in_reach, squared_displacement
+from dcs_jax.core.search import best_positions
 from dcs_jax.extensions import filters
 from dcs_jax.extensions.gradients import gradient_cells
 from dcs_jax.types import Filter, TranslationState
@@ -73,10 +73,8 @@ def search_middle(
     scores = jnp.roll(scores, limits, (0, 1))[: 2 * limits[0] + 1, : 2 * limits[1] + 1]
     down, right = (cell * jnp.arange(-limit, limit + 1, dtype=jnp.float32) for limit in limits)
     down, right = down[:, None], right[None, :]
-    squared = squared_displacement(down, right, box, grid)
-    scores -= config.prior * squared
-    scores = jnp.where(in_reach(down, right, box, frame_shape, config), scores, -jnp.inf)
-    row, column = jnp.divmod(best_positions(scores, squared)[1], scores.shape[1])
+    _, _, nearest = best_positions(scores, down, right, box, frame_shape, config)
+    row, column = jnp.divmod(nearest, scores.shape[1])
     return cell * jnp.stack([row - limits[0], column - limits[1]])
 
 
