@@ -1,14 +1,17 @@
 """The page in a real browser: draw, watch, correct, undo, export, reload, two tabs, SIGKILL."""
 
 import re
+import resource
 import signal
 import sys
 import time
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import sequences
 from chromium import EXECUTABLE as CHROMIUM
 from chromium import FLAGS
 from ffmpeg import write_plain
@@ -41,8 +44,20 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def truth():
+def rendered():
     return render(LENGTH, (HEIGHT, WIDTH), (64, 48), seed=3, occlusion=0)
+
+
+@pytest.fixture
+def truth(request, rendered):
+    """What is in the clip: `frames` and `boxes`; a rendered one unless a test asks for a real one.
+
+    The real one has the same size and length.
+    """
+    if getattr(request, "param", "rendered") == "rendered":
+        return rendered
+    real = sequences.load("faceocc2", LENGTH)
+    return SimpleNamespace(frames=real.frames, boxes=real.truth)
 
 
 @pytest.fixture
@@ -152,6 +167,7 @@ def _stored(clip):
     return load(clip.with_name("clip.mp4.dcs.json"), clip)
 
 
+@pytest.mark.parametrize("truth", ["rendered", "real"], indirect=True)
 def test_a_box_is_drawn_tracked_corrected_and_taken_along(label, tab, clip, truth, tmp_path):
     _, address = label()
     one = tab(address)
@@ -380,3 +396,25 @@ def test_what_was_shown_as_saved_survives_sigkill(label, tab, clip, truth):
     again.state("keyframe")
     again.tracked()
     np.testing.assert_allclose(_stored(clip).objects[0].boxes[0], truth.boxes[0], atol=1)
+
+
+@pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process are of Linux")
+def test_a_disk_that_is_full_is_said_and_what_was_saved_is_still_there(label, tab, clip, truth):
+    process, address = label()
+    one = tab(address)
+    one.draw(truth.boxes[0])
+    one.tracked()
+    before = _stored(clip)
+    hard = resource.RLIM_INFINITY
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1000, hard))
+    one.go(50)
+    one.press("x")
+    one.state("not here")
+    expect(one.page.locator("#saved")).to_have_attribute("data-state", "problem")
+    expect(one.page.locator("#saved")).to_have_text("not saved")
+    one.says("clip.mp4.dcs.json cannot be written")
+    one.says("what was saved before is still there")
+    assert _stored(clip).objects[0].keyframes == before.objects[0].keyframes
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (hard, hard))
+    one.saved()
+    assert sorted(_stored(clip).objects[0].keyframes) == [0, 50]
