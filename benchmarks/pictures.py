@@ -84,8 +84,8 @@ def _scores(
 ) -> None:
     """The score map of the next frame: votes of the parts, and the translation filter."""
     assert config.translation is not None
-    spectrum = translation.spectrum(window, config.grid)
-    response = translation.respond(state.translation, spectrum, config.translation)
+    features = translation.features(window, config.grid)
+    response = translation.respond(state.translation, features, config.translation)
     middle = translation.search_middle(response, state.box, frame_shape, config)
     searched = search_window(window, middle, config)
     maps = confidence_map(searched, state.pool, state.weak, state.strong, config)

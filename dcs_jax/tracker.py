@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
 from dcs_jax.checks import check_box, check_frame, check_key, shown
 from dcs_jax.config import Config, Grid, single_precision
@@ -30,12 +30,12 @@ from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, 
 class _View(NamedTuple):
     """The window around a box, for the search in it and for learning from it.
 
-    window: [G_y + 1, G_x + 1], its integral image. spectrum: what the translation filter sees of
+    window: [G_y + 1, G_x + 1], its integral image. features: what the translation filter sees of
     it, or None.
     """
 
     window: Float[Array, "lines_y lines_x"]
-    spectrum: Complex[Array, "8 Y half"] | None
+    features: Float[Array, "8 Y X"] | None
 
 
 def init(
@@ -82,7 +82,7 @@ def _begin(
 def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
     window = window_integral(frame, box, config.grid)
     return _View(
-        window, None if config.translation is None else translation.spectrum(window, config.grid)
+        window, None if config.translation is None else translation.features(window, config.grid)
     )
 
 
@@ -103,13 +103,17 @@ def _first_state(
     )
     weak, strong, _ = _learn(values, weak, config)
     descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
+    filtered = None
+    if config.translation is not None:
+        assert view.features is not None
+        filtered = translation.init(view.features, config.translation, config.grid)
     return State(
         box,
         box[2:],
         pool,
         weak,
         strong,
-        None if view.spectrum is None else translation.init(view.spectrum, config.grid),
+        filtered,
         None if config.scale is None else scale.init(descriptions),
         None if config.verification is None else verification.init(_own_scale(descriptions)),
     )
@@ -186,8 +190,8 @@ def _localise(
     middle = jnp.zeros(2, jnp.int32)
     response = None
     if state.translation and config.translation:
-        assert view.spectrum is not None
-        response = translation.respond(state.translation, view.spectrum, config.translation)
+        assert view.features is not None
+        response = translation.respond(state.translation, view.features, config.translation)
         middle = translation.search_middle(response, box, frame.shape, config)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
@@ -252,10 +256,10 @@ def _update(
     weak, strong, noise = _learn(values, state.weak, config)
     updated = state._replace(box=best.box, weak=weak, strong=strong)
     if state.translation and config.translation:
-        assert view.spectrum is not None
+        assert view.features is not None
         updated = updated._replace(
             translation=translation.update(
-                state.translation, view.spectrum, config.translation, config.grid
+                state.translation, view.features, config.translation, config.grid
             )
         )
     if state.scale and config.scale:

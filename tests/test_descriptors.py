@@ -62,3 +62,11 @@ def test_without_a_scale_filter_there_is_the_description_at_the_own_scale(seed, 
     assert alone.shape[0] == 1
     every = describe(integral, displacement, scale.factors(SCALES), GRID)
     np.testing.assert_allclose(alone[0], every[2], atol=1e-5)
+
+
+@given(seed=st.integers(0, 2**31), stripes=st.floats(0, 50))
+def test_no_orientation_prevails(seed, stripes):
+    cells = window(seed) + stripes * np.arange(GRID.window[1]) % 7
+    by_orientation = described(cells).reshape(len(scale.factors(SCALES)), 8, -1)
+    np.testing.assert_allclose(by_orientation.mean(2), 0, atol=1e-6)
+    np.testing.assert_allclose(np.square(by_orientation).sum((1, 2)), 1, atol=1e-4)

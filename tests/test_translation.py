@@ -23,8 +23,8 @@ FRAME = (900, 900)
 BOX = jnp.array([400, 400, 40, 48], jnp.float32)  # of two pixels a cell
 
 
-def spectrum(cells: np.ndarray) -> jax.Array:
-    return translation.spectrum(integral(cells), GRID)
+def features(cells: np.ndarray) -> jax.Array:
+    return translation.features(integral(cells), GRID)
 
 
 def window(seed: int, shift: tuple[int, int] = (0, 0)) -> np.ndarray:
@@ -42,15 +42,17 @@ def test_filter_and_score_are_those_of_the_reference(seed, shift, prior):
     config = dataclasses.replace(CONFIG, prior=prior)
     settings = reference_settings(config)
     first, second = window(seed), window(seed, shift=shift)
-    state = translation.init(spectrum(first), GRID)
-    trained = expected.train(first, GRID)
+    state = translation.init(features(first), SETTINGS, GRID)
+    trained = expected.train(first, settings.translation, GRID)
     # Of the last axis, half of the frequencies.
     half = trained[1].shape[1] // 2 + 1
     for found, part in zip(state.running, trained, strict=True):
         wanted = part[..., :half]
         np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
-    response = translation.respond(state, spectrum(second), SETTINGS)
-    of_reference = expected.respond(expected.init(first, GRID), second, settings.translation, GRID)
+    response = translation.respond(state, features(second), SETTINGS)
+    of_reference = expected.respond(
+        expected.init(first, settings.translation, GRID), second, settings.translation, GRID
+    )
     middle = translation.search_middle(response, BOX, FRAME, config)
     assert (np.asarray(middle) % 2 == 0).all()
     best = expected.search_middle(of_reference, np.asarray(BOX), FRAME, settings)
@@ -63,9 +65,9 @@ def test_filter_and_score_are_those_of_the_reference(seed, shift, prior):
 
 @given(seed=st.integers(0, 2**31), down=st.integers(-11, 11), across=st.integers(-9, 9))
 def test_the_score_peaks_at_the_displacement_of_a_shifted_window(seed, down, across):
-    state = translation.init(spectrum(window(seed)), GRID)
+    state = translation.init(features(window(seed)), SETTINGS, GRID)
     shift = np.array([2 * down, 2 * across])  # whole cells of the filter
-    response = translation.respond(state, spectrum(window(seed, shift=tuple(shift))), SETTINGS)
+    response = translation.respond(state, features(window(seed, shift=tuple(shift))), SETTINGS)
     middle = translation.search_middle(response, BOX, FRAME, CONFIG)
     np.testing.assert_allclose(middle, shift, atol=2)
     score = translation.score(response, middle, CONFIG)
@@ -75,15 +77,15 @@ def test_the_score_peaks_at_the_displacement_of_a_shifted_window(seed, down, acr
 
 
 def test_a_window_of_one_colour_is_searched_in_its_middle():
-    state = translation.init(spectrum(window(1)), GRID)
-    flat = translation.respond(state, spectrum(np.zeros(GRID.window)), SETTINGS)
+    state = translation.init(features(window(1)), SETTINGS, GRID)
+    flat = translation.respond(state, features(np.zeros(GRID.window)), SETTINGS)
     config = dataclasses.replace(CONFIG, prior=0.0)
     np.testing.assert_array_equal(translation.search_middle(flat, BOX, FRAME, config), 0)
 
 
 def test_the_search_window_keeps_to_what_the_filter_sees_and_the_box_to_the_frame():
-    state = translation.init(spectrum(window(3)), GRID)
-    response = translation.respond(state, spectrum(window(3, shift=(30, 26))), SETTINGS)
+    state = translation.init(features(window(3)), SETTINGS, GRID)
+    response = translation.respond(state, features(window(3, shift=(30, 26))), SETTINGS)
     limits = (
         GRID.margin_rows - CONFIG.search_grid.margin_rows,
         GRID.margin_columns - CONFIG.search_grid.margin_columns,
@@ -91,19 +93,48 @@ def test_the_search_window_keeps_to_what_the_filter_sees_and_the_box_to_the_fram
     middle = translation.search_middle(response, BOX, FRAME, CONFIG)
     assert (np.abs(middle) <= limits).all()
     corner = BOX.at[:2].set(0)
-    response = translation.respond(state, spectrum(window(3, shift=(-8, -8))), SETTINGS)
+    response = translation.respond(state, features(window(3, shift=(-8, -8))), SETTINGS)
     assert (np.asarray(translation.search_middle(response, corner, FRAME, CONFIG)) >= 0).all()
 
 
 def test_the_first_frame_keeps_its_weight_in_the_score():
     first, later = window(1), window(2)
     settings = TranslationFilter(weight=2.0, learning_rate=0.5, first_frame=0.25)
-    initial = translation.init(spectrum(first), GRID)
-    state = translation.update(initial, spectrum(later), settings, GRID)
+    of_reference = reference_settings(dataclasses.replace(CONFIG, translation=settings)).translation
+    initial = translation.init(features(first), SETTINGS, GRID)
+    state = translation.update(initial, features(later), settings, GRID)
     np.testing.assert_array_equal(state.first_frame.numerator, initial.running.numerator)
-    one, other = (expected.train(cells, GRID) for cells in (first, later))
+    one, other = (expected.train(cells, of_reference, GRID) for cells in (first, later))
     mixed = filters.interpolate(one, other, 0.5 * (1 - 0.25))
-    response = translation.respond(state, spectrum(later), settings)
+    response = translation.respond(state, features(later), settings)
     half = response.shape[1]
     wanted = 2 * expected.response(mixed, later, GRID)[:, :half]
     np.testing.assert_allclose(response, wanted, atol=2e-3 * np.abs(wanted).max())
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    down=st.sampled_from([-8, 8]),
+    across=st.sampled_from([-6, 6]),
+)
+def test_an_object_that_moves_before_a_still_background_is_followed(seed, down, across):
+    background, card = window(seed), window(seed + 1)
+    top, left = GRID.margin_rows, GRID.margin_columns
+
+    def scene(down: int, across: int) -> jax.Array:
+        cells = background.copy()
+        y, x = top + down, left + across
+        cells[y : y + GRID.rows, x : x + GRID.columns] = card[: GRID.rows, : GRID.columns]
+        return features(cells)
+
+    def found(learned_factor: float) -> list[int]:
+        settings = dataclasses.replace(SETTINGS, learned_factor=learned_factor)
+        state = translation.init(scene(0, 0), settings, GRID)
+        response = translation.respond(state, scene(down, across), settings)
+        score = translation.score(response, jnp.zeros(2, jnp.int32), CONFIG)
+        row, column = np.unravel_index(np.argmax(score), score.shape)
+        searched = CONFIG.search_grid
+        return [int(row) - searched.margin_rows, int(column) - searched.margin_columns]
+
+    np.testing.assert_allclose(found(SETTINGS.learned_factor), [down, across], atol=1)
+    np.testing.assert_allclose(found(100.0), [0, 0], atol=1)  # the background, which is larger

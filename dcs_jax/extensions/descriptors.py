@@ -52,6 +52,8 @@ def describe(
 
 
 def _describe(patch: Float[Array, "side side"]) -> Float[Array, " D"]:
-    cells = gradient_cells(patch, _CELL).reshape(-1)
-    cells -= cells.mean()
+    cells = gradient_cells(patch, _CELL)
+    # Of each orientation: where one prevails, as in a narrow box, all patches would look alike.
+    cells -= cells.mean((1, 2), keepdims=True)
+    cells = cells.reshape(-1)
     return cells / jnp.sqrt(jnp.square(cells).sum() + _ROUNDING)

@@ -1,7 +1,9 @@
 """The translation filter: one more cue of where in the search window the object is.
 
 A correlation filter on gradient cells. Its response is smooth where the votes of the classifiers
-are not, so that the peak is found to a fraction of a cell.
+are not, so that the peak is found to a fraction of a cell. It sees several object sides around the
+object, so that a fast one is found, but learns the object alone: it would stay with what it learned
+of the surroundings while the object moves on.
 """
 
 import jax
@@ -25,28 +27,29 @@ _RIDGE = 0.01
 _ROUNDING = 1e-6
 
 
-def init(spectrum: Complex[Array, "8 Y half"], grid: Grid) -> TranslationState:
-    """The filter after the first frame; spectrum: of the window around the initial box."""
-    trained = train(spectrum, grid)
+def init(
+    features: Float[Array, "8 Y X"], settings: TranslationFilter, grid: Grid
+) -> TranslationState:
+    """The filter after the first frame; features: of the window around the initial box."""
+    trained = train(features, settings, grid)
     return TranslationState(trained, trained)
 
 
 @jax.named_scope("translation")
 def respond(
-    state: TranslationState,
-    spectrum: Complex[Array, "8 Y half"],
-    settings: TranslationFilter,
+    state: TranslationState, features: Float[Array, "8 Y X"], settings: TranslationFilter
 ) -> Complex[Array, "Y half"]:
     """Spectrum of what the filter adds to the score: its response, weighted, [Y, X/2 + 1].
 
     The filter of the first frame has a share in it, against slow drift.
 
-    spectrum: of the window around the last box.
+    features: of the window around the last box.
     """
     mixed = filters.interpolate(state.running, state.first_frame, settings.first_frame)
     ridge = _RIDGE * mixed.denominator.mean() + _ROUNDING
     weight = jnp.asarray(settings.weight, jnp.complex64)
-    return weight * filters.response(mixed, spectrum, ridge)
+    faded = jnp.asarray(_fade(features.shape[1:]), jnp.float32)
+    return weight * filters.response(mixed, jnp.fft.rfft2(features * faded), ridge)
 
 
 @jax.named_scope("translation")
@@ -81,34 +84,54 @@ def search_middle(
 @jax.named_scope("translation")
 def update(
     state: TranslationState,
-    spectrum: Complex[Array, "8 Y half"],
+    features: Float[Array, "8 Y X"],
     settings: TranslationFilter,
     grid: Grid,
 ) -> TranslationState:
-    """The filter after one more frame; spectrum: of the window around the new box."""
-    trained = train(spectrum, grid)
+    """The filter after one more frame; features: of the window around the new box."""
+    trained = train(features, settings, grid)
     running = filters.interpolate(state.running, trained, settings.learning_rate)
     return state._replace(running=running)
 
 
 @jax.named_scope("translation")
-def spectrum(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Complex[Array, "8 Y half"]:
-    """What the filter sees of a window: the spectrum of its gradient cells, [8, Y, X/2 + 1].
+def features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array, "8 Y X"]:
+    """What the filter sees of a window: its gradient cells less their mean, scaled, [8, Y, X].
+
+    Of canvas cells two by two where that fills the filter's: it takes two thirds of the time.
 
     window: [G_y + 1, G_x + 1], integral image.
     """
-    return jnp.fft.rfft2(_features(window, grid))
+    pixel = 1 if _cell(grid) % 2 or any(side % 2 for side in grid.window) else 2
+    sums = jnp.diff(jnp.diff(window[::pixel, ::pixel], axis=0), axis=1)
+    cells = gradient_cells(sums / pixel**2, _cell(grid) // pixel, bilinear=True)
+    cells -= cells.mean((1, 2), keepdims=True)
+    power = jnp.square(cells).sum(0) * jnp.asarray(np.square(_fade(cells.shape[1:])), jnp.float32)
+    return cells / jnp.sqrt(power.mean() / len(cells) + 1e-6)
 
 
-def train(spectrum: Complex[Array, "8 Y half"], grid: Grid) -> Filter:
-    """The filter that responds in the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1]."""
-    sides = (grid.rows, grid.columns)
+def train(features: Float[Array, "8 Y X"], settings: TranslationFilter, grid: Grid) -> Filter:
+    """The filter that responds in the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1].
+
+    It learns what is under a Hann window of `learned_factor` object sides.
+    """
+    shape, sides = features.shape[1:], (grid.rows, grid.columns)
+    down, right = (
+        # Cells from the object's middle, in its sides.
+        jnp.asarray((np.arange(count) - (count - 1) / 2) * _cell(grid) / side, jnp.float32)
+        for count, side in zip(shape, sides, strict=True)
+    )
+    down, right = (
+        jnp.square(jnp.cos(np.pi * jnp.clip(away / settings.learned_factor, -0.5, 0.5)))
+        for away in (down, right)
+    )
+    learned = jnp.minimum(down[:, None] * right[None], jnp.asarray(_fade(shape), jnp.float32))
     squares = [
         np.square(np.fft.fftfreq(count) * count * _cell(grid) / (side * _SIGMA))
-        for count, side in zip(_shape(grid), sides, strict=True)
+        for count, side in zip(shape, sides, strict=True)
     ]
     desired = np.fft.rfft2(np.exp(-0.5 * np.add.outer(*squares)))
-    return filters.train(spectrum, jnp.asarray(desired, jnp.complex64))
+    return filters.train(jnp.fft.rfft2(features * learned), jnp.asarray(desired, jnp.complex64))
 
 
 @jax.named_scope("translation")
@@ -157,18 +180,9 @@ def _shape(grid: Grid) -> tuple[int, int]:
     return rows, columns
 
 
-def _features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array, "8 Y X"]:
-    """A window's gradient cells, faded out towards its edges: [8, Y, X].
-
-    Of canvas cells two by two where that fills the filter's: it takes two thirds of the time.
-    """
-    pixel = 1 if _cell(grid) % 2 or any(side % 2 for side in grid.window) else 2
-    sums = jnp.diff(jnp.diff(window[::pixel, ::pixel], axis=0), axis=1)
-    cells = gradient_cells(sums / pixel**2, _cell(grid) // pixel, bilinear=True)
-    cells -= cells.mean((1, 2), keepdims=True)
-    faded = np.multiply.outer(*map(filters.hann, cells.shape[1:]))
-    cells *= jnp.asarray(faded, jnp.float32)[None]
-    return cells / jnp.sqrt(jnp.square(cells).mean() + 1e-6)
+def _fade(shape: tuple[int, ...]) -> np.ndarray:
+    """What a window counts, less towards its edges, which are joined in the Fourier domain."""
+    return np.multiply.outer(*map(filters.hann, shape))
 
 
 def _waves(line: np.ndarray, frequencies: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The programs of the slots: start tracks in some of them, or step those in some of them.
 
 Track by track, each through a block of frames: its classifiers then stay in the cache. Measured
-against the step vmapped over the tracks in benchmarks/README.md.
+against the step vmapped over the tracks in docs/decisions.md.
 """
 
 import math

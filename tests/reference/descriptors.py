@@ -18,8 +18,8 @@ def describe(cells: Floats, displacement: Floats, factor: float, grid: Grid) -> 
     """
     down = overlaps(grid.rows * factor, displacement[0], cells.shape[0])
     across = overlaps(grid.columns * factor, displacement[1], cells.shape[1])
-    vector = gradient_cells(down @ cells @ across.T, CELL).ravel()
-    vector = vector - vector.mean()
+    gradients = gradient_cells(down @ cells @ across.T, CELL)
+    vector = np.concatenate([cells.ravel() - cells.mean() for cells in gradients])
     return vector / np.sqrt((vector**2).sum() + LEAST_SQUARE)
 
 

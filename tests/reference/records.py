@@ -98,12 +98,16 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class TranslationFilter:
-    """weight: of the response. first_frame: weight of that frame's filter in it."""
+    """weight: of the response. first_frame: weight of that frame's filter in it.
+
+    learned_factor: side of what is learned, in object sides.
+    """
 
     weight: float
     learning_rate: float
     first_frame: float
     window_factor: float
+    learned_factor: float
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -94,7 +94,7 @@ class Tracker:
         tracker.select(responses)
         descriptions = tracker.describe(cells, HERE)
         if settings.translation:
-            tracker.translation = translation.init(cells, settings.grid)
+            tracker.translation = translation.init(cells, settings.translation, settings.grid)
         if settings.scale:
             tracker.scale = scale.init(descriptions)
         if settings.verification:

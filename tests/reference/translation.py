@@ -24,9 +24,9 @@ class TranslationState(NamedTuple):
     first_frame: Filter
 
 
-def init(cells: Floats, grid: Grid) -> TranslationState:
+def init(cells: Floats, settings: TranslationFilter, grid: Grid) -> TranslationState:
     """The filter after the first frame; cells: [Gy, Gx], of the window around the initial box."""
-    trained = train(cells, grid)
+    trained = train(cells, settings, grid)
     return TranslationState(trained, trained)
 
 
@@ -78,17 +78,27 @@ def update(
     state: TranslationState, cells: Floats, settings: TranslationFilter, grid: Grid
 ) -> TranslationState:
     """The filter after one more frame; cells: [Gy, Gx], of the window around the new box."""
-    running = filters.interpolate(state.running, train(cells, grid), settings.learning_rate)
+    trained = train(cells, settings, grid)
+    running = filters.interpolate(state.running, trained, settings.learning_rate)
     return TranslationState(running, state.first_frame)
 
 
-def train(cells: Floats, grid: Grid) -> Filter:
-    """The filter [8, Y, X] that responds with a Gaussian around no displacement."""
+def train(cells: Floats, settings: TranslationFilter, grid: Grid) -> Filter:
+    """The filter [8, Y, X] that responds with a Gaussian around no displacement.
+
+    It learns what is under a Hann window of a few sides of the object.
+    """
     features = window_features(cells, grid)
     _, rows, columns = features.shape
-    desired = np.zeros((rows, columns))
+    faded, desired = fade(rows, columns), np.zeros((rows, columns))
     for i in range(rows):
         for j in range(columns):
+            learned = 1.0
+            for index, count, side in ((i, rows, grid.rows), (j, columns, grid.columns)):
+                away = abs(index + 0.5 - count / 2) * cell_side(grid) / side
+                away = min(away / settings.learned_factor, 0.5)
+                learned *= np.cos(np.pi * away) ** 2
+            features[:, i, j] *= min(learned, faded[i, j])
             down = wrapped(i, rows) * cell_side(grid) / (SIGMA * grid.rows)
             across = wrapped(j, columns) * cell_side(grid) / (SIGMA * grid.columns)
             desired[i, j] = np.exp(-(down**2 + across**2) / 2)
@@ -98,7 +108,8 @@ def train(cells: Floats, grid: Grid) -> Filter:
 def response(trained: Filter, cells: Floats, grid: Grid) -> Spectrum:
     """The spectrum [Y, X] of the filter's response in a window."""
     ridge = RIDGE * trained.denominator.mean()
-    return filters.response(trained, window_features(cells, grid), ridge)
+    features = window_features(cells, grid)
+    return filters.response(trained, features * fade(*features.shape[1:]), ridge)
 
 
 def cell_side(grid: Grid) -> int:
@@ -107,7 +118,7 @@ def cell_side(grid: Grid) -> int:
 
 
 def window_features(cells: Floats, grid: Grid) -> Floats:
-    """Gradients [8, Y, X] of a window: without their mean, faded to the edges, scaled to 1.
+    """Gradients [8, Y, X] of a window: without their mean, scaled to 1 where faded to the edges.
 
     Of the means of two by two canvas cells where those fill the filter's.
     """
@@ -118,8 +129,13 @@ def window_features(cells: Floats, grid: Grid) -> Floats:
     features = gradient_cells(cells, side, bilinear=True)
     _, rows, columns = features.shape
     features = features - features.mean(axis=(1, 2), keepdims=True)
-    features = features * filters.hann(rows)[:, None] * filters.hann(columns)
-    return features / np.sqrt((features**2).mean() + LEAST_SQUARE)
+    square = ((features * fade(rows, columns)) ** 2).mean()
+    return features / np.sqrt(square + LEAST_SQUARE)
+
+
+def fade(rows: int, columns: int) -> Floats:
+    """A Hann window over two axes, [rows, columns]."""
+    return filters.hann(rows)[:, None] * filters.hann(columns)
 
 
 def fourier_series(spectrum: Spectrum, middle: int, margin: int, cell: int) -> Spectrum:
