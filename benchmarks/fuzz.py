@@ -142,6 +142,8 @@ class Drawing:
             return self.random.choice((1, 2, 5, 2**31 - 1))
         if field.name == "block":
             return self.random.choice((1e-6, 0.2, 1.0))
+        if field.name == "learned_factor":
+            return self.random.choice((0.5, self.size(0.5, 1e9), 1e9))
         if field.name in ("lam", "smoothing", "overhang", "prior", "weight", "slope") or (
             field.name == "template_penalty"
         ):

@@ -87,7 +87,7 @@ class TranslationFilter:
     """Side of the window that the filter sees, in object sides, above 1. Where it is larger than
     the search window, this is searched around the filter's peak, and the classifiers learn their
     background from the corners of the larger one. Static."""
-    learned_factor: Number = number(2.25, "from 0.5 to 1e9", 0.5, 1e9)
+    learned_factor: Number = number(2.25, "from 0.5 to 1e9", 0.5, 1e9 + 1e-6)
     """Side of the part of that window that the filter learns, in object sides, from 0.5: the object
     and what touches it, fading out to nothing (Hann). A filter that learns the whole window follows
     the background where the object moves against it."""

@@ -49,7 +49,7 @@ def respond(
     ridge = _RIDGE * mixed.denominator.mean() + _ROUNDING
     weight = jnp.asarray(settings.weight, jnp.complex64)
     faded = jnp.asarray(_fade(features.shape[1:]), jnp.float32)
-    return weight * filters.response(mixed, jnp.fft.rfft2(features * faded), ridge)
+    return weight * filters.response(mixed, jnp.fft.rfft2(features * faded[None]), ridge)
 
 
 @jax.named_scope("translation")
@@ -131,7 +131,9 @@ def train(features: Float[Array, "8 Y X"], settings: TranslationFilter, grid: Gr
         for count, side in zip(shape, sides, strict=True)
     ]
     desired = np.fft.rfft2(np.exp(-0.5 * np.add.outer(*squares)))
-    return filters.train(jnp.fft.rfft2(features * learned), jnp.asarray(desired, jnp.complex64))
+    return filters.train(
+        jnp.fft.rfft2(features * learned[None]), jnp.asarray(desired, jnp.complex64)
+    )
 
 
 @jax.named_scope("translation")
