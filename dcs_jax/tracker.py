@@ -103,17 +103,17 @@ def _first_state(
     )
     weak, strong, _ = _learn(values, weak, config)
     descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
-    filtered = None
+    learned = None
     if config.translation is not None:
         assert view.features is not None
-        filtered = translation.init(view.features, config.translation, config.grid)
+        learned = translation.init(view.features, config.translation, config.grid)
     return State(
         box,
         box[2:],
         pool,
         weak,
         strong,
-        filtered,
+        learned,
         None if config.scale is None else scale.init(descriptions),
         None if config.verification is None else verification.init(_own_scale(descriptions)),
     )

@@ -48,8 +48,7 @@ def respond(
     mixed = filters.interpolate(state.running, state.first_frame, settings.first_frame)
     ridge = _RIDGE * mixed.denominator.mean() + _ROUNDING
     weight = jnp.asarray(settings.weight, jnp.complex64)
-    faded = jnp.asarray(_fade(features.shape[1:]), jnp.float32)
-    return weight * filters.response(mixed, jnp.fft.rfft2(features * faded[None]), ridge)
+    return weight * filters.response(mixed, jnp.fft.rfft2(features * _fade(features)), ridge)
 
 
 @jax.named_scope("translation")
@@ -106,34 +105,19 @@ def features(window: Float[Array, "lines_y lines_x"], grid: Grid) -> Float[Array
     sums = jnp.diff(jnp.diff(window[::pixel, ::pixel], axis=0), axis=1)
     cells = gradient_cells(sums / pixel**2, _cell(grid) // pixel, bilinear=True)
     cells -= cells.mean((1, 2), keepdims=True)
-    power = jnp.square(cells).sum(0) * jnp.asarray(np.square(_fade(cells.shape[1:])), jnp.float32)
-    return cells / jnp.sqrt(power.mean() / len(cells) + 1e-6)
+    return cells / jnp.sqrt(jnp.square(cells * _fade(cells)).mean() + 1e-6)
 
 
 def train(features: Float[Array, "8 Y X"], settings: TranslationFilter, grid: Grid) -> Filter:
-    """The filter that responds in the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1].
-
-    It learns what is under a Hann window of `learned_factor` object sides.
-    """
-    shape, sides = features.shape[1:], (grid.rows, grid.columns)
-    down, right = (
-        # Cells from the object's middle, in its sides.
-        jnp.asarray((np.arange(count) - (count - 1) / 2) * _cell(grid) / side, jnp.float32)
-        for count, side in zip(shape, sides, strict=True)
-    )
-    down, right = (
-        jnp.square(jnp.cos(np.pi * jnp.clip(away / settings.learned_factor, -0.5, 0.5)))
-        for away in (down, right)
-    )
-    learned = jnp.minimum(down[:, None] * right[None], jnp.asarray(_fade(shape), jnp.float32))
+    """The filter that responds in the middle of this window: [8, Y, X/2 + 1] and [Y, X/2 + 1]."""
+    sides = (grid.rows, grid.columns)
     squares = [
         np.square(np.fft.fftfreq(count) * count * _cell(grid) / (side * _SIGMA))
-        for count, side in zip(shape, sides, strict=True)
+        for count, side in zip(features.shape[1:], sides, strict=True)
     ]
     desired = np.fft.rfft2(np.exp(-0.5 * np.add.outer(*squares)))
-    return filters.train(
-        jnp.fft.rfft2(features * learned[None]), jnp.asarray(desired, jnp.complex64)
-    )
+    spectrum = jnp.fft.rfft2(features * _learned(features, settings, grid))
+    return filters.train(spectrum, jnp.asarray(desired, jnp.complex64))
 
 
 @jax.named_scope("translation")
@@ -182,9 +166,25 @@ def _shape(grid: Grid) -> tuple[int, int]:
     return rows, columns
 
 
-def _fade(shape: tuple[int, ...]) -> np.ndarray:
+def _fade(features: Float[Array, "8 Y X"]) -> Float[Array, "1 Y X"]:
     """What a window counts, less towards its edges, which are joined in the Fourier domain."""
-    return np.multiply.outer(*map(filters.hann, shape))
+    faded = np.multiply.outer(*map(filters.hann, features.shape[1:]))
+    return jnp.asarray(faded, jnp.float32)[None]
+
+
+def _learned(
+    features: Float[Array, "8 Y X"], settings: TranslationFilter, grid: Grid
+) -> Float[Array, "1 Y X"]:
+    """What a window counts for the filter: a Hann window of `learned_factor` object sides."""
+
+    def along(count: int, side: int) -> Float[Array, " count"]:
+        away = (np.arange(count) - (count - 1) / 2) * _cell(grid) / side  # in object sides
+        share = jnp.asarray(away, jnp.float32) / settings.learned_factor
+        return jnp.square(jnp.cos(np.pi * jnp.clip(share, -0.5, 0.5)))
+
+    _, rows, columns = features.shape
+    learned = along(rows, grid.rows)[None, :, None] * along(columns, grid.columns)[None, None]
+    return jnp.minimum(learned, _fade(features))
 
 
 def _waves(line: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
