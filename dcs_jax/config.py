@@ -242,7 +242,7 @@ class Config:
 
     canvas: int | tuple[int, int] | Literal["native"] = static(40, _check_canvas)
     """Cells per side of the object, whatever its size in pixels, or (rows, columns); or "native",
-    one cell a pixel of the initial box (the paper's setting, compiled for every size of box)."""
+    as many as the initial box has pixels (the paper's setting, compiled for every size of box)."""
     window_factor: float = static(
         2.5, check_between, expected="finite and above 1", low=1, high=math.inf
     )
@@ -275,6 +275,10 @@ class Config:
     """Size of the boxes of a track: "estimated", that of the scale filter, or "initial", that of
     the initial box around the estimated centre. The search follows the estimate in both."""
 
+    squareness: Number = share(0.5)
+    """How square what the canvas shows of the object is, in [0, 1]: 0: its box (the paper's
+    setting), 1: a square of the same area; between them each side is the power of the two. The
+    window around a narrow box is narrow too, and it looks like any other edge."""
     block: Number = number(1 / 3, "above 0 and at most 1", 1e-6, 1 + 1e-6)
     """Largest base block of a feature, in sides of its part, above 0 and at most 1 (the paper's
     code: 1/5, on some sequences 1)."""
@@ -305,6 +309,7 @@ class Config:
             "selectors": 20,
             "pool_size": 200,
             "iterations": 30,
+            "squareness": 0.0,
             "block": 0.2,
             "smoothing": 0.5,
             "prior": 0.0,

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from dcs_jax.checks import check_box, check_frame, check_key, shown
-from dcs_jax.config import Config, Grid, single_precision
+from dcs_jax.config import Config, single_precision
 from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
 from dcs_jax.core.search import confidence_map, find_peak, middle_confidence, search_window
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import ColumnSums, VideoFrame, window_integral
+from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, window_integral
 from dcs_jax.extensions import redetection, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
@@ -80,7 +80,7 @@ def _begin(
 
 @jax.jit
 def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
-    window = window_integral(frame, box, config.grid)
+    window = window_integral(frame, canvas_box(box, config), config.grid)
     return _View(
         window, None if config.translation is None else translation.features(window, config.grid)
     )
@@ -205,7 +205,7 @@ def _localise(
     noisy_or, part_scores = maps.at(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
-    moved = _move(box, displacement, frame.shape, config.grid)
+    moved = _move(box, displacement, frame.shape, config)
     here = Candidate(moved, noisy_or, jnp.full_like(noisy_or, jnp.nan), part_scores)
     return _measured(state, here, displacement, view.window, frame.shape, config)
 
@@ -363,13 +363,14 @@ def _move(
     box: Float[Array, "4"],
     displacement: Float[Array, "2"],
     frame_shape: tuple[int, ...],
-    grid: Grid,
+    config: Config,
 ) -> Float[Array, "4"]:
     """The box moved by a displacement in cells; its centre stays in the frame."""
     x, y, w, h = box
     down, right = displacement
-    x = jnp.clip(x + right * w / grid.columns, -w / 2, frame_shape[1] - w / 2)
-    y = jnp.clip(y + down * h / grid.rows, -h / 2, frame_shape[0] - h / 2)
+    _, _, shown_w, shown_h = canvas_box(box, config)
+    x = jnp.clip(x + right * shown_w / config.grid.columns, -w / 2, frame_shape[1] - w / 2)
+    y = jnp.clip(y + down * shown_h / config.grid.rows, -h / 2, frame_shape[0] - h / 2)
     return jnp.stack([x, y, w, h])
 
 

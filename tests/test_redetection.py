@@ -1,5 +1,7 @@
 """Re-detection: the search windows, and which candidate is taken."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,14 +9,17 @@ import pytest
 import reference
 from hypothesis import given
 from hypothesis import strategies as st
+from layout import reference_settings
 
 from dcs_jax.config import Config, Redetection
+from dcs_jax.core.window import canvas_box
 from dcs_jax.extensions import redetection
 from dcs_jax.types import Candidate
 
 SHAPE = (240, 320)
 CONFIG = Config()
 BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
+REACHED = canvas_box(BOX, CONFIG)[2:] * (CONFIG.window_factor - 1)
 LOOK = jax.tree_util.Partial(lambda box: box)
 
 
@@ -24,18 +29,15 @@ def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
 
 def test_the_search_windows_cover_the_frame():
     boxes = np.array(
-        [
-            redetection.search_window(BOX, jnp.int32(number), SHAPE, CONFIG.window_factor)
-            for number in range(100)
-        ]
+        [redetection.search_window(BOX, jnp.int32(number), SHAPE, REACHED) for number in range(100)]
     )
     np.testing.assert_allclose(boxes[:, 2:], np.tile(BOX[2:], (100, 1)))
     distinct = np.unique(boxes, axis=0)
-    assert len(distinct) == 6 * 6  # 320 / (1.5 * 40) and 240 / (1.5 * 30), rounded up
-    reach = (CONFIG.window_factor - 1) / 2 * boxes[:, 2:]
+    # The canvas shows 37.2 x 32.2: 320 / (1.5 * 37.2) and 240 / (1.5 * 32.2), rounded up.
+    assert len(distinct) == 6 * 5
     centres = boxes[:, :2] + boxes[:, 2:] / 2
     for point in np.random.default_rng(0).uniform(0, (320, 240), (50, 2)):
-        assert (np.abs(centres - point) <= reach + 1e-3).all(1).any()
+        assert (np.abs(centres - point) <= np.asarray(REACHED) / 2 + 1e-3).all(1).any()
 
 
 @given(
@@ -45,12 +47,13 @@ def test_the_search_windows_cover_the_frame():
 )
 def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_missed, windows):
     box = np.float32(box)
-    settings = reference.Redetection(windows=windows, accept_above=0.9)
-    factor = CONFIG.window_factor
-    expected = reference.redetection.search_windows(box, num_missed, SHAPE, factor, settings)
+    config = dataclasses.replace(CONFIG, redetection=Redetection(windows=windows))
+    settings = reference_settings(config)
+    reached = canvas_box(jnp.asarray(box), config)[2:] * (config.window_factor - 1)
+    expected = reference.redetection.search_windows(box, num_missed, SHAPE, settings)
     numbers = windows * num_missed + np.arange(windows)
     found = [
-        redetection.search_window(jnp.asarray(box), jnp.int32(number), SHAPE, factor)
+        redetection.search_window(jnp.asarray(box), jnp.int32(number), SHAPE, reached)
         for number in numbers
     ]
     np.testing.assert_allclose(found, expected, atol=1e-3)
@@ -83,7 +86,7 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
         return candidate(box, jnp.where(jnp.abs(box - target).max() < 1, 0.95, 0.1))
 
     config = Config(redetection=Redetection(windows=2))
-    target = redetection.search_window(BOX, jnp.int32(7), SHAPE, config.window_factor)
+    target = redetection.search_window(BOX, jnp.int32(7), SHAPE, REACHED)
     localise = jax.tree_util.Partial(here_only, target)
     found = [
         redetection.search(LOOK, localise, BOX, jnp.int32(missed), SHAPE, config)[0].confidence

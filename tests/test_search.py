@@ -9,7 +9,7 @@ import pytest
 import reference
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from layout import in_reference_order, reference_pool
+from layout import in_reference_order, reference_pool, reference_settings
 
 from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
@@ -123,10 +123,11 @@ def test_peak_is_that_of_the_reference(seed, levels, prior, x, subcell, middle):
     score_map = generator.integers(0, levels, CONFIG.search_grid.positions).astype(float)
     box = np.array([x, *BOX[1:]], np.float32)
     config = Config(canvas=(12, 10), prior=prior)
-    middle, grid = np.array(middle), config.search_grid
-    reach = reference.reachable(box, FRAME, config.grid)
-    scores = reference.with_motion_prior(score_map, box, reach, grid, prior, middle)
-    distances = reference.squared_distances(box, grid, middle)
+    middle = np.array(middle)
+    settings = reference_settings(config)
+    reach = reference.reachable(box, FRAME, settings)
+    scores = reference.with_motion_prior(score_map, box, reach, settings, middle)
+    distances = reference.squared_distances(box, settings, middle)
     assume(np.isfinite(scores).any())
     expected = middle + reference.peak(scores, distances, subcell)
     found = peak_of(score_map.astype(np.float32), box, config, subcell, middle)

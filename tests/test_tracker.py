@@ -70,8 +70,8 @@ def test_a_step_from_the_same_state_is_that_of_the_reference(clip, changes):
 
 
 def test_init_is_that_of_the_reference(clip):
-    state = init(clip.frames[0], clip.boxes[0], jax.random.key(2), SMALL)
-    pool = reference_pool(draw_pool(jax.random.key(2), SMALL), SMALL)
+    state = init(clip.frames[0], clip.boxes[0], jax.random.key(3), SMALL)
+    pool = reference_pool(draw_pool(jax.random.key(3), SMALL), SMALL)
     tracker = reference.Tracker.init(clip.frames[0], clip.boxes[0], pool, reference_settings(SMALL))
     means, correct = (in_reference_order(x, SMALL) for x in (state.weak.mean, state.weak.correct))
     np.testing.assert_allclose(means, tracker.means, rtol=1e-3, atol=0.02)
@@ -130,6 +130,21 @@ def test_a_still_scene_never_drifts(preset):
     still = np.repeat(clip.frames, 101, axis=0)
     track = dcs_jax.track_sequence(still, clip.boxes[0], config=preset)
     assert np.abs(track.boxes - clip.boxes[0]).max() < 0.5
+
+
+def test_a_narrow_box_is_followed_when_the_camera_jerks_by_more_than_its_width():
+    clip = render(40, (160, 220), (64, 14), speed=1, occlusion=0, lookalike=False, cloud=0, seed=2)
+    jerks = 18 * (np.arange(40) // 3 % 2)
+    frames = [np.roll(frame, jerk, axis=1) for frame, jerk in zip(clip.frames, jerks, strict=True)]
+    truth = clip.boxes + jerks[:, None] * np.float32([1, 0, 0, 0])
+
+    def errors(config):
+        track = dcs_jax.track_sequence(np.stack(frames), truth[0], config=config)
+        return np.linalg.norm(track.boxes[:, :2] - truth[:, :2], axis=1)
+
+    assert errors(Config()).max() < 2
+    # The window around the box itself is as narrow as the box.
+    assert errors(Config(squareness=0.0)).max() > 14
 
 
 def test_a_box_may_be_four_numbers_under_jit(clip):

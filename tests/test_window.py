@@ -9,10 +9,18 @@ import pytest
 import reference
 from hypothesis import given
 from hypothesis import strategies as st
+from layout import reference_settings
 
 from dcs_jax.config import Config
 from dcs_jax.core import window
-from dcs_jax.core.window import VideoFrame, column_sums, reach, to_grey, window_integral
+from dcs_jax.core.window import (
+    VideoFrame,
+    canvas_box,
+    column_sums,
+    reach,
+    to_grey,
+    window_integral,
+)
 
 CONFIG = Config(canvas=(10, 12), window_factor=1.8)
 GRID = reference.Grid(*dataclasses.astuple(CONFIG.grid))
@@ -88,13 +96,28 @@ def test_a_constant_added_to_all_grey_values_changes_no_bit(box, seed, constant)
     )
 
 
-@given(box=boxes, slack=st.sampled_from([0.0, 0.25]))
-def test_reach_is_that_of_the_reference(box, slack):
+@given(
+    box=boxes, overhang=st.sampled_from([0.0, 0.25]), squareness=st.sampled_from([0.0, 0.5, 1.0])
+)
+def test_reach_is_that_of_the_reference(box, overhang, squareness):
     box = np.float32(box)
-    config = Config(canvas=(10, 12), window_factor=1.8, overhang=slack)
+    config = dataclasses.replace(CONFIG, overhang=overhang, squareness=squareness)
     low, high = reach_of(box, config)
-    expected = reference.reachable(box, (HEIGHT, WIDTH), GRID, slack)
+    expected = reference.reachable(box, (HEIGHT, WIDTH), reference_settings(config))
     assert [(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)] == list(expected)
+
+
+@given(box=boxes, squareness=st.sampled_from([0.0, 0.3, 1.0]))
+def test_the_canvas_shows_a_box_of_the_same_area_and_centre(box, squareness):
+    box = np.float32(box)
+    shown = np.asarray(
+        canvas_box(jnp.asarray(box), dataclasses.replace(CONFIG, squareness=squareness))
+    )
+    np.testing.assert_allclose(shown, reference.shown_box(box, squareness), rtol=1e-5, atol=1e-4)
+    if squareness == 0:
+        np.testing.assert_array_equal(shown, box)
+    if squareness == 1:
+        np.testing.assert_allclose(shown[2], shown[3], rtol=1e-5)
 
 
 def test_grey_values_are_those_of_the_reference():

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS_OF_BOXES, responses
 from dcs_jax.core.weak import vote
-from dcs_jax.core.window import reach
+from dcs_jax.core.window import canvas_box, reach
 from dcs_jax.types import Pool, Scalar, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
@@ -185,7 +185,7 @@ def best_positions(
     Returns score_map - prior * d^2 / (w h), with d in pixels, and -inf where the box may not be
     (`reach`); where that is at its best; and of these positions the number of the least displaced.
     """
-    _, _, w, h = box
+    _, _, w, h = canvas_box(box, config)
     rows, columns = config.grid.rows, config.grid.columns
     squared = (down / rows) ** 2 * (h / w) + (right / columns) ** 2 * (w / h)
     low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))

@@ -293,6 +293,16 @@ def share_column_sums(boxes: int, frame_shape: tuple[int, ...]) -> bool:
     return boxes > 1 and 2 * boxes * _TYPICAL_BLOCK**2 > frame_shape[0] * frame_shape[1]
 
 
+def canvas_box(box: Float[Array, "4"], config: Config) -> Float[Array, "4"]:
+    """What the canvas shows of the object: its box, more of a square by `squareness`: [4].
+
+    The same area around the same centre. box: [4] x, y, w, h in pixels.
+    """
+    x, y, w, h = box
+    wider = (h / w) ** (config.squareness / 2)
+    return jnp.stack([x + w * (1 - wider) / 2, y + h * (1 - 1 / wider) / 2, w * wider, h / wider])
+
+
 def _pixel(line: Float[Array, ""], pixels: int) -> Int32[Array, ""]:
     """The pixel that a grid line cuts, or the one next to it outside the frame."""
     return jnp.clip(jnp.floor(line), 0, pixels - 1).astype(jnp.int32)
@@ -311,11 +321,12 @@ def reach(
     grid = config.grid
     x, y, w, h = box
     corner, size = jnp.stack([y, x]), jnp.stack([h, w])
-    cells = jnp.array([grid.rows, grid.columns], jnp.float32)
+    _, _, shown_w, shown_h = canvas_box(box, config)
+    # Cells per pixel.
+    cells = jnp.array([grid.rows, grid.columns], jnp.float32) / jnp.stack([shown_h, shown_w])
     margin = jnp.array([grid.margin_rows, grid.margin_columns], jnp.float32)
     frame = jnp.array(frame_shape[:2], jnp.float32)
-    overhang = config.overhang * cells
-    low = jnp.ceil(-corner / size * cells - overhang - _ROUNDING)
-    high = jnp.floor((frame - size - corner) / size * cells + overhang + _ROUNDING)
+    low = jnp.ceil((-corner - config.overhang * size) * cells - _ROUNDING)
+    high = jnp.floor((frame - size - corner + config.overhang * size) * cells + _ROUNDING)
     low, high = jnp.clip(low, -margin, 0), jnp.clip(high, 0, margin)
     return low.astype(jnp.int32), high.astype(jnp.int32)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config
+from dcs_jax.core.window import canvas_box
 from dcs_jax.types import Candidate
 
 
@@ -37,6 +38,7 @@ def search(
         look: jax.tree_util.Partial,
         localise: jax.tree_util.Partial,
         box: Float[Array, "4"],
+        reached: Float[Array, "2"],
         num_missed: Int32[Array, ""],
         accept_above: Float[Array, ""],
     ) -> tuple[Candidate, Any]:
@@ -44,9 +46,7 @@ def search(
 
         def turn(number: Int32[Array, ""], found: tuple[Candidate, Any]) -> tuple[Candidate, Any]:
             best, _ = found
-            elsewhere = search_window(
-                box, windows * num_missed + number - 1, frame_shape, config.window_factor
-            )
+            elsewhere = search_window(box, windows * num_missed + number - 1, frame_shape, reached)
             place = jnp.where(number == 0, box, jnp.where(number == turns, best.box, elsewhere))
             seen = look(place)
 
@@ -63,21 +63,24 @@ def search(
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
         return jax.lax.fori_loop(0, turns + 1, turn, nothing)
 
-    return search_all(
-        *jax.tree.map(jnp.asarray, (look, localise, box, num_missed, jnp.float32(accept_above)))
-    )
+    reached = canvas_box(box, config)[2:] * (config.window_factor - 1)
+    given = look, localise, box, reached, num_missed, jnp.float32(accept_above)
+    return search_all(*jax.tree.map(jnp.asarray, given))
 
 
 def search_window(
     box: Float[Array, "4"],
     number: Int32[Array, ""],
     frame_shape: tuple[int, ...],
-    window_factor: float,
+    reached: Float[Array, "2"],
 ) -> Float[Array, "4"]:
-    """The box in the middle of one of the search windows that tile the frame, row by row."""
+    """The box in the middle of one of the search windows that tile the frame, row by row.
+
+    reached: [2], sides of the area that the middle of a box can be in, pixels.
+    """
     sides = jnp.array([frame_shape[1], frame_shape[0]], jnp.float32)
     # Of a window factor just above 1 a window a pixel, or their number leaves int32.
-    counts = jnp.minimum(jnp.ceil(sides / (box[2:] * (window_factor - 1))), sides).astype(jnp.int32)
+    counts = jnp.minimum(jnp.ceil(sides / reached), sides).astype(jnp.int32)
     row, column = jnp.divmod(number % (counts[0] * counts[1]), counts[0])
     middle = (
         (jnp.stack([column, row]).astype(jnp.float32) + 0.5) * sides / counts.astype(jnp.float32)

@@ -55,7 +55,7 @@ from .weak import (
     vote_midpoint,
     votes,
 )
-from .window import cell_means, grey, integral, window_cells
+from .window import cell_means, grey, integral, shown_box, window_cells
 
 __all__ = [
     "LABELS",
@@ -106,6 +106,7 @@ __all__ = [
     "select_first",
     "select_l1",
     "select_mil",
+    "shown_box",
     "smooth",
     "solve_exactly",
     "squared_distances",

@@ -162,6 +162,7 @@ class Settings:
     weak: Literal["midpoint", "gaussian"]
     iterations: int
     first_updates: int
+    squareness: float
     lam: float
     smoothing: float
     overhang: float

@@ -5,37 +5,39 @@ import math
 import numpy as np
 
 from .haar import haar_response
-from .records import Floats, Grid, Pool
-from .window import integral
+from .records import Floats, Grid, Pool, Settings
+from .window import integral, shown_box
 
 LABELS = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
 
 
 def reachable(
-    box: Floats, frame_shape: tuple[int, ...], grid: Grid, overhang: float = 0.0
+    box: Floats, frame_shape: tuple[int, ...], settings: Settings
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Lowest and highest reachable position per axis, ((low_y, high_y), (low_x, high_x)).
 
     Positions are in cells from the middle of the map, so low <= 0 <= high.
 
-    box: [4], x, y, w, h, pixels. frame_shape: H, W. overhang: how far the box may leave the frame,
-    in its sides.
+    box: [4], x, y, w, h, pixels. frame_shape: H, W.
     """
+    grid, overhang = settings.grid, settings.overhang
     x, y, width, height = (float(number) for number in box)
+    _, _, shown_width, shown_height = shown_box(box, settings.squareness)
+    cell_height, cell_width = shown_height / grid.rows, shown_width / grid.columns
     return (
-        _reachable_axis(y, height, frame_shape[0], grid.rows, grid.margin_rows, overhang),
-        _reachable_axis(x, width, frame_shape[1], grid.columns, grid.margin_columns, overhang),
+        _reachable_axis(y, height, frame_shape[0], cell_height, grid.margin_rows, overhang),
+        _reachable_axis(x, width, frame_shape[1], cell_width, grid.margin_columns, overhang),
     )
 
 
 def training_positions(
-    box: Floats, frame_shape: tuple[int, ...], grid: Grid, overhang: float = 0.0
+    box: Floats, frame_shape: tuple[int, ...], settings: Settings
 ) -> list[tuple[int, int]]:
     """The positions (y, x) of the L training samples, cells from the middle; labels are `LABELS`.
 
     The tracked box four times, then the corners of the reachable window row by row.
     """
-    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, overhang)
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, settings)
     corners = [(low_y, low_x), (low_y, high_x), (high_y, low_x), (high_y, high_x)]
     return [(0, 0)] * 4 + corners
 
@@ -56,10 +58,10 @@ def training_responses(
 
 
 def _reachable_axis(
-    start: float, side: float, frame_side: int, cells: int, margin: int, overhang: float
+    start: float, side: float, frame_side: int, cell: float, margin: int, overhang: float
 ) -> tuple[int, int]:
     """Lowest and highest position along one axis at which the object stays in the frame, cells."""
-    cell = side / cells
-    low = math.ceil(-start / cell - overhang * cells - 1e-3)
-    high = math.floor((frame_side - side - start) / cell + overhang * cells + 1e-3)
+    beyond = overhang * side
+    low = math.ceil((-start - beyond) / cell - 1e-3)
+    high = math.floor((frame_side - side - start + beyond) / cell + 1e-3)
     return min(max(low, -margin), 0), min(max(high, 0), margin)

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy import ndimage
 
-from .records import Floats, Grid, Integers
+from .records import Floats, Grid, Integers, Settings
+from .window import shown_box
 
 PLATEAU = 1e-3  # scores this close to the highest belong to the peak
 
@@ -11,12 +12,13 @@ PLATEAU = 1e-3  # scores this close to the highest belong to the peak
 HERE = np.zeros(2, np.int64)  # the search window is around the last box
 
 
-def squared_distances(box: Floats, grid: Grid, middle: Integers = HERE) -> Floats:
+def squared_distances(box: Floats, settings: Settings, middle: Integers = HERE) -> Floats:
     """Squared distance d^2 of every position from the last one, [Cy, Cx], pixels squared.
 
     middle: [2], displacement of the search window from the last box (down, across), cells.
     """
-    _, _, width, height = box
+    grid = settings.search_grid
+    _, _, width, height = shown_box(box, settings.squareness)
     distances = np.zeros(grid.positions)
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
@@ -30,8 +32,7 @@ def with_motion_prior(
     score_map: Floats,
     box: Floats,
     reach: tuple[tuple[int, int], tuple[int, int]],
-    grid: Grid,
-    prior: float,
+    settings: Settings,
     middle: Integers = HERE,
 ) -> Floats:
     """The score map less prior * d^2 / (w h), minus infinity where the object cannot be.
@@ -40,7 +41,8 @@ def with_motion_prior(
     `squared_distances`. Returns [Cy, Cx].
     """
     _, _, width, height = box
-    scores = score_map - prior * squared_distances(box, grid, middle) / (width * height)
+    grid, distances = settings.search_grid, squared_distances(box, settings, middle)
+    scores = score_map - settings.prior * distances / (width * height)
     (low_y, high_y), (low_x, high_x) = reach
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
@@ -81,11 +83,14 @@ def parabola_peak(before: float, here: float, after: float) -> float:
     return float(min(max(-linear / (2 * square), -0.5), 0.5))
 
 
-def move(box: Floats, displacement: Floats, frame_shape: tuple[int, ...], grid: Grid) -> Floats:
+def move(
+    box: Floats, displacement: Floats, frame_shape: tuple[int, ...], settings: Settings
+) -> Floats:
     """The box [4] moved by so many cells (down, across), its centre clipped into the frame."""
     x, y, width, height = box
-    centre_x = x + displacement[1] * width / grid.columns + width / 2
-    centre_y = y + displacement[0] * height / grid.rows + height / 2
+    _, _, shown_width, shown_height = shown_box(box, settings.squareness)
+    centre_x = x + displacement[1] * shown_width / settings.grid.columns + width / 2
+    centre_y = y + displacement[0] * shown_height / settings.grid.rows + height / 2
     centre_x = min(max(centre_x, 0), frame_shape[1])
     centre_y = min(max(centre_y, 0), frame_shape[0])
     return np.array([centre_x - width / 2, centre_y - height / 2, width, height])

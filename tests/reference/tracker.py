@@ -17,7 +17,7 @@ from .samples import LABELS, reachable, training_positions, training_responses
 from .search import move, nearest_position, peak, squared_distances, with_motion_prior
 from .translation import TranslationState
 from .verification import VerificationState
-from .window import integral, window_cells
+from .window import integral, shown_box, window_cells
 
 HERE = np.zeros(2)  # no displacement
 
@@ -127,16 +127,16 @@ class Tracker:
 
     def localise(self, frame: np.ndarray, box: Floats) -> Candidate:
         """The most likely position, and size, of the object in the window around a box."""
-        settings, grid = self.settings, self.settings.grid
+        settings = self.settings
         cells = self.window(frame, box)
         maps, middle = self.search(cells, box, frame.shape)
         subcell = settings.translation is not None
-        distances = squared_distances(box, settings.search_grid, middle)
+        distances = squared_distances(box, settings, middle)
         displacement = middle + peak(maps.scores, distances, subcell)
         row, column = nearest_position(displacement, settings.search_grid) - middle
         noisy_or = float(1 - np.exp(-maps.score_map[row, column]))
 
-        box = move(box, displacement, frame.shape, grid)
+        box = move(box, displacement, frame.shape, settings)
         descriptions = self.describe(cells, displacement)
         confidence, pull, keep_size = math.nan, 0.0, False
         if self.verification and settings.verification:
@@ -189,8 +189,8 @@ class Tracker:
         scores = score_map
         if response is not None:
             scores = scores + translation.score(response, middle, settings)
-        reach = reachable(box, frame_shape, whole, settings.overhang)
-        scores = with_motion_prior(scores, box, reach, grid, settings.prior, middle)
+        reach = reachable(box, frame_shape, settings)
+        scores = with_motion_prior(scores, box, reach, settings, middle)
         return Maps(probabilities, score_map, scores), middle
 
     def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
@@ -199,7 +199,7 @@ class Tracker:
         assert state
         assert settings
         for box in redetection.search_windows(
-            self.box, state.num_missed, frame.shape, self.settings.window_factor, settings
+            self.box, state.num_missed, frame.shape, self.settings
         ):
             other = self.localise(frame, box)
             if other.confidence > max(best.confidence, settings.accept_above):
@@ -259,9 +259,8 @@ class Tracker:
 
     def training_samples(self, cells: Floats, frame_shape: tuple[int, ...]) -> Floats:
         """Values [F, L] of all features on the training samples in the window around the box."""
-        grid = self.settings.grid
-        positions = training_positions(self.box, frame_shape, grid, self.settings.overhang)
-        return training_responses(cells, positions, self.pool, grid)
+        positions = training_positions(self.box, frame_shape, self.settings)
+        return training_responses(cells, positions, self.pool, self.settings.grid)
 
     def update_weak(self, responses: Floats) -> None:
         """One update of all weak classifiers, and the count of right and wrong votes after it.
@@ -309,7 +308,8 @@ class Tracker:
 
     def window(self, frame: np.ndarray, box: Floats) -> Floats:
         """The cells [Gy, Gx] of the window around a box."""
-        return window_cells(frame, box, self.settings.grid)
+        shown = shown_box(box, self.settings.squareness)
+        return window_cells(frame, shown, self.settings.grid)
 
     def describe(self, cells: Floats, displacement: Floats) -> Floats:
         """The patch there at S scales, or at its own if there is no scale filter: [S, D]."""

@@ -10,6 +10,7 @@ from .gradients import gradient_cells
 from .records import Floats, Grid, Integers, Settings, TranslationFilter
 from .samples import reachable
 from .search import PLATEAU
+from .window import shown_box
 
 CELLS = 10  # of the filter along the object's shorter side
 SIGMA = 1 / 16  # of the desired output, in sides of the object
@@ -48,16 +49,17 @@ def search_middle(
     """
     grid, searched, cell = settings.grid, settings.search_grid, cell_side(settings.grid)
     values = np.fft.ifft2(spectrum).real
-    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, grid, settings.overhang)
+    (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, settings)
     most_down = (grid.margin_rows - searched.margin_rows) // cell
     most_across = (grid.margin_columns - searched.margin_columns) // cell
+    _, _, width, height = shown_box(box, settings.squareness)
     found = []
     for i in range(-most_down, most_down + 1):
         for j in range(-most_across, most_across + 1):
             if low_y <= i * cell <= high_y and low_x <= j * cell <= high_x:
-                down = i * cell * box[3] / grid.rows
-                across = j * cell * box[2] / grid.columns
-                distance = (down**2 + across**2) / (box[2] * box[3])
+                down = i * cell * height / grid.rows
+                across = j * cell * width / grid.columns
+                distance = (down**2 + across**2) / (width * height)
                 found.append((values[i, j] - settings.prior * distance, distance, i, j))
     best = max(found)[0]
     _, _, i, j = min((one for one in found if one[0] >= best - PLATEAU), key=lambda one: one[1])

@@ -53,6 +53,20 @@ def window_cells(frame: np.ndarray, box: Floats, grid: Grid) -> Floats:
     return cell_means(frame, box, grid) - values[row, column]
 
 
+def shown_box(box: Floats, squareness: float) -> Floats:
+    """What the canvas shows of a box [4]: the same area around the same centre.
+
+    Its sides are those of the box to the power of 1 - squareness, times those of the square of this
+    area to the power of squareness.
+    """
+    x, y, width, height = (float(number) for number in box)
+    square = math.sqrt(width * height)
+    shown_width = width ** (1 - squareness) * square**squareness
+    shown_height = height ** (1 - squareness) * square**squareness
+    left, top = x + width / 2 - shown_width / 2, y + height / 2 - shown_height / 2
+    return np.array([left, top, shown_width, shown_height])
+
+
 def integral(cells: Floats) -> Floats:
     """Integral image: entry (i, j) is the sum of the cells above row i and left of column j.
 
