@@ -23,7 +23,7 @@ from dcs_jax import Config, init, step, synthetic, track_sequence
 from dcs_jax.compilation import cache
 from dcs_jax.core.samples import part_rectangles
 from dcs_jax.core.search import confidence_map, search_window
-from dcs_jax.core.window import VideoFrame, window_integral
+from dcs_jax.core.window import VideoFrame, canvas_box, window_integral
 from dcs_jax.extensions import translation
 
 FRAME = 12  # the target is in full sight
@@ -41,9 +41,10 @@ def main() -> None:
     for frame in clip.frames[1:FRAME]:
         state, _ = step(state, frame, config)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.8), layout="constrained")
-    _windows(axes[0], clip.frames[FRAME], np.asarray(state.box), config)
+    shown = canvas_box(state.box, config)
+    _windows(axes[0], clip.frames[FRAME], np.asarray(shown), config)
     seen = VideoFrame(jnp.asarray(clip.frames), jnp.int32(FRAME))
-    window = window_integral(seen, state.box, config.grid)
+    window = window_integral(seen, shown, config.grid)
     _scores(axes[1], window, clip.frames.shape[1:], state, config)
     _features(axes[2], window, state, config)
     figure.savefig(out / "how-it-works.png", dpi=100)
@@ -53,10 +54,10 @@ def main() -> None:
     figure.savefig(out / "noise.png", dpi=100)
 
 
-def _windows(axes: Any, frame: np.ndarray, box: np.ndarray, config: Config) -> None:
-    """The last box with its parts, and both windows around it."""
+def _windows(axes: Any, frame: np.ndarray, shown: np.ndarray, config: Config) -> None:
+    """What the canvas shows of the last box, with its parts, and both windows around it."""
     axes.imshow(frame)
-    x, y, w, h = box
+    x, y, w, h = shown
     for grid, colour, name in (
         (config.grid, "#56b4e9", "the translation filter sees"),
         (config.search_grid, "#f0e442", "the parts vote here, around the filter's peak"),
@@ -76,7 +77,7 @@ def _windows(axes: Any, frame: np.ndarray, box: np.ndarray, config: Config) -> N
         sides = w * width / grid.columns, h * height / grid.rows
         axes.add_patch(_outline(corner, *sides, "white", 1.2))
     axes.legend(loc="lower left", fontsize=8)
-    _finish(axes, "the last box, its nine parts, two windows")
+    _finish(axes, "the object on the canvas, its nine parts, two windows")
 
 
 def _scores(

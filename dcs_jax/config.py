@@ -84,7 +84,7 @@ class TranslationFilter:
     window_factor: float = static(
         4.5, check_between, expected="finite and above 1", low=1, high=math.inf
     )
-    """Side of the window that the filter sees, in object sides, above 1. Where it is larger than
+    """Side of the window that the filter sees, as `Config.window_factor`. Where it is larger than
     the search window, this is searched around the filter's peak, and the classifiers learn their
     background from the corners of the larger one. Static."""
     learned_factor: Number = number(2.25, "from 0.5 to 1e9", 0.5, 1e9 + 1e-6)
@@ -246,7 +246,7 @@ class Config:
     window_factor: float = static(
         2.5, check_between, expected="finite and above 1", low=1, high=math.inf
     )
-    """Side of the search window in object sides, above 1."""
+    """Side of the search window in sides of what the canvas shows of the object, above 1."""
     window_minimum: float = static(
         0.0, check_between, expected="finite and not negative", low=-math.ulp(0), high=math.inf
     )
@@ -276,9 +276,10 @@ class Config:
     the initial box around the estimated centre. The search follows the estimate in both."""
 
     squareness: Number = share(0.5)
-    """How square what the canvas shows of the object is, in [0, 1]: 0: its box (the paper's
-    setting), 1: a square of the same area; between them each side is the power of the two. The
-    window around a narrow box is narrow too, and it looks like any other edge."""
+    """How square what the canvas shows of the object is, in [0, 1]: its box at 0 (the paper's
+    setting), a square of the same area at 1, and at 0.5 halfway in the logarithm of the sides. The
+    windows are so many sides of that: around a narrow box itself they would be as narrow, and a
+    camera moves by more than the width of a person."""
     block: Number = number(1 / 3, "above 0 and at most 1", 1e-6, 1 + 1e-6)
     """Largest base block of a feature, in sides of its part, above 0 and at most 1 (the paper's
     code: 1/5, on some sequences 1)."""

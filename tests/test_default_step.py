@@ -116,7 +116,8 @@ def assert_same_step(info: dcs_jax.StepInfo, expected: reference.StepInfo):
 def is_nearly_best(box: np.ndarray, frame: np.ndarray, tracker: reference.Tracker) -> bool:
     """Whether few votes part this box from the best position in the window around the last one."""
     last, grid = tracker.box, tracker.settings.search_grid
-    across, down = (box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2) / last[2:]
+    shown = reference.shown_box(last, tracker.settings.squareness)
+    across, down = (box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2) / shown[2:]
     row, column = reference.nearest_position(
         np.array([down * grid.rows, across * grid.columns]), grid
     )

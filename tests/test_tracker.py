@@ -70,6 +70,7 @@ def test_a_step_from_the_same_state_is_that_of_the_reference(clip, changes):
 
 
 def test_init_is_that_of_the_reference(clip):
+    # Of this key no vote is on a threshold, where rounding would decide it.
     state = init(clip.frames[0], clip.boxes[0], jax.random.key(3), SMALL)
     pool = reference_pool(draw_pool(jax.random.key(3), SMALL), SMALL)
     tracker = reference.Tracker.init(clip.frames[0], clip.boxes[0], pool, reference_settings(SMALL))
