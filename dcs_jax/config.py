@@ -137,7 +137,7 @@ class Verification:
     tracks of seven labelled sequences and variants of them: of the boxes that overlap the object by
     more than half nine in ten have a similarity to the initial template above 0.2, of the others
     one in ten has one above 0.4."""
-    template_rate: Number = share(0.05)
+    template_rate: Number = share(0.03)
     """Learning rate of the online template, in [0, 1]."""
     recent_rate: Number = share(0.07)
     """Learning rate of the recent template, in [0, 1], which follows changes that the online one
