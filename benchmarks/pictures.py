@@ -22,9 +22,9 @@ from matplotlib.patches import Rectangle
 from dcs_jax import Config, init, step, synthetic, track_sequence
 from dcs_jax.compilation import cache
 from dcs_jax.core.samples import part_rectangles
-from dcs_jax.core.search import confidence_map, search_window
+from dcs_jax.core.search import confidence_map, displacements, search_window
 from dcs_jax.core.window import VideoFrame, canvas_box, window_integral
-from dcs_jax.extensions import translation
+from dcs_jax.extensions import colour, translation
 
 FRAME = 12  # the target is in full sight
 FEATURES = 6
@@ -45,7 +45,7 @@ def main() -> None:
     _windows(axes[0], clip.frames[FRAME], np.asarray(shown), config)
     seen = VideoFrame(jnp.asarray(clip.frames), jnp.int32(FRAME))
     window = window_integral(seen, shown, config.grid)
-    _scores(axes[1], window, clip.frames.shape[1:], state, config)
+    _scores(axes[1], seen, window, state, config)
     _features(axes[2], window, state, config)
     figure.savefig(out / "how-it-works.png", dpi=100)
     track = track_sequence(clip.frames, clip.boxes[0], key, config)
@@ -58,8 +58,8 @@ def _windows(axes: Any, frame: np.ndarray, shown: np.ndarray, config: Config) ->
     """What the canvas shows of the last box, with its parts, and both windows around it."""
     axes.imshow(frame)
     x, y, w, h = shown
-    for grid, colour, name in (
-        (config.grid, "#56b4e9", "the translation filter sees"),
+    for grid, shade, name in (
+        (config.grid, "#56b4e9", "translation filter and colours see"),
         (config.search_grid, "#f0e442", "the parts vote here, around the filter's peak"),
     ):
         across, down = (
@@ -70,7 +70,7 @@ def _windows(axes: Any, frame: np.ndarray, shown: np.ndarray, config: Config) ->
             )
         )
         corner = (x - w * (across - 1) / 2, y - h * (down - 1) / 2)
-        axes.add_patch(_outline(corner, w * across, h * down, colour, 2, name))
+        axes.add_patch(_outline(corner, w * across, h * down, shade, 2, name))
     grid = config.grid
     for top, left, height, width in part_rectangles(grid, config.parts):
         corner = (x + w * left / grid.columns, y + h * top / grid.rows)
@@ -80,17 +80,24 @@ def _windows(axes: Any, frame: np.ndarray, shown: np.ndarray, config: Config) ->
     _finish(axes, "the object on the canvas, its nine parts, two windows")
 
 
-def _scores(
-    axes: Any, window: jax.Array, frame_shape: tuple[int, ...], state: Any, config: Config
-) -> None:
-    """The score map of the next frame: votes of the parts, and the translation filter."""
+def _scores(axes: Any, frame: VideoFrame, window: jax.Array, state: Any, config: Config) -> None:
+    """The score map of the next frame: votes of the parts, translation filter, and colours."""
     assert config.translation is not None
+    assert config.colour is not None
+    colours = colour.look(frame, state.box, config)
+    assert colours is not None
+    of_object = colour.respond(state.colour, colours, config.colour)
+
+    def by_colour(down: jax.Array, right: jax.Array) -> jax.Array:
+        return colour.score(of_object, down, right, state.box, config)
+
     features = translation.features(window, config.grid)
     response = translation.respond(state.translation, features, config.translation)
-    middle = translation.search_middle(response, state.box, frame_shape, config)
+    middle = translation.search_middle(response, state.box, frame.shape, config, by_colour)
     searched = search_window(window, middle, config)
     maps = confidence_map(searched, state.pool, state.weak, state.strong, config)
     scores = maps.score_map + translation.score(response, middle, config)
+    scores += by_colour(*displacements(config.search_grid, middle))
     grid = config.search_grid
     down, right = grid.margin_rows, grid.margin_columns
     axes.imshow(scores, extent=(-right - 0.5, right + 0.5, down + 0.5, -down - 0.5))
@@ -115,8 +122,8 @@ def _features(axes: Any, window: jax.Array, state: Any, config: Config) -> None:
         shade = (object_ - object_.min()) / np.ptp(object_)
         tile = np.repeat(0.25 + 0.5 * shade[..., None], 3, axis=2)
         strength = 0.5 * np.abs(weights)[..., None] / np.abs(weights).max()
-        colour = np.where(weights[..., None] > 0, [0.9, 0.6, 0.0], [0.0, 0.45, 0.7])
-        tile = (1 - strength) * tile + strength * colour
+        sign = np.where(weights[..., None] > 0, [0.9, 0.6, 0.0], [0.0, 0.45, 0.7])
+        tile = (1 - strength) * tile + strength * sign
         tiles.append(np.pad(tile, ((0, gap), (0, gap), (0, 0)), constant_values=1))
     axes.imshow(np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])])[:-gap, :-gap])
     _finish(axes, "six of the 40 features chosen for the whole object")

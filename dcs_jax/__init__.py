@@ -5,7 +5,14 @@ stable.
 """
 
 from dcs_jax.compilation import cache
-from dcs_jax.config import Config, Redetection, ScaleFilter, TranslationFilter, Verification
+from dcs_jax.config import (
+    ColourHistograms,
+    Config,
+    Redetection,
+    ScaleFilter,
+    TranslationFilter,
+    Verification,
+)
 from dcs_jax.runners.batch import track_batch
 from dcs_jax.runners.live import MultiTracker, Result, Tracker
 from dcs_jax.runners.sequence import track_chunk, track_sequence
@@ -17,6 +24,7 @@ from dcs_jax.types import State, StepInfo, Track
 
 __all__ = [
     "Chunk",
+    "ColourHistograms",
     "Config",
     "MultiTracker",
     "Redetection",

@@ -98,6 +98,23 @@ class TranslationFilter:
 
 @pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ColourHistograms:
+    """The colours of the object and of what is around it, as a cue (`extensions.colour`).
+
+    In a video without colour they count nothing.
+    """
+
+    weight: Number = not_negative(20.0)
+    """Weight in the score map of the mean probability of being object, which is in [0, 1]."""
+    learning_rate: Number = share(0.04)
+    """Weight of the present frame in the running means of the histograms, in [0, 1] (Staple)."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@pytree
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ScaleFilter:
     """A correlation filter over scales that estimates the object's (`extensions.scale`)."""
 
@@ -228,7 +245,7 @@ class Config:
     """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
 
     A pytree: the numbers are its leaves, so another value compiles nothing, and an array of them
-    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The four
+    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The five
     groups are what the default has beyond the paper: None switches one off.
 
     The tracker computes in float32 and int32, whatever the type of a number and JAX's settings;
@@ -295,6 +312,7 @@ class Config:
     -log(1 - Noisy-OR); 0: every position in the window is as likely (the paper's setting)."""
 
     translation: TranslationFilter | None = group(TranslationFilter)
+    colour: ColourHistograms | None = group(ColourHistograms)
     scale: ScaleFilter | None = group(ScaleFilter)
     verification: Verification | None = group(Verification)
     redetection: Redetection | None = group(Redetection)

@@ -11,18 +11,30 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, UInt8
 
 from dcs_jax.checks import check_box, check_frame, check_key, shown
 from dcs_jax.config import Config, single_precision
 from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
-from dcs_jax.core.search import confidence_map, find_peak, middle_confidence, search_window
+from dcs_jax.core.search import (
+    confidence_map,
+    displacements,
+    find_peak,
+    middle_confidence,
+    search_window,
+)
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, window_integral
-from dcs_jax.extensions import redetection, scale, translation, verification
+from dcs_jax.core.window import (
+    ColumnSums,
+    VideoFrame,
+    canvas_box,
+    one_frame,
+    window_integral,
+)
+from dcs_jax.extensions import colour, redetection, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
 
@@ -31,11 +43,12 @@ class _View(NamedTuple):
     """The window around a box, for the search in it and for learning from it.
 
     window: [G_y + 1, G_x + 1], its integral image. features: what the translation filter sees of
-    it, or None.
+    it, or None. colours: what the histograms of colours see of it, or None.
     """
 
     window: Float[Array, "lines_y lines_x"]
     features: Float[Array, "8 Y X"] | None
+    colours: UInt8[Array, "rows columns 3"] | None
 
 
 def init(
@@ -82,7 +95,9 @@ def _begin(
 def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
     window = window_integral(frame, canvas_box(box, config), config.grid)
     return _View(
-        window, None if config.translation is None else translation.features(window, config.grid)
+        window,
+        None if config.translation is None else translation.features(window, config.grid),
+        None if config.colour is None else colour.look(frame, box, config),
     )
 
 
@@ -114,6 +129,7 @@ def _first_state(
         weak,
         strong,
         learned,
+        None if config.colour is None else colour.init(view.colours, box, config),
         None if config.scale is None else scale.init(descriptions),
         None if config.verification is None else verification.init(_own_scale(descriptions)),
     )
@@ -188,14 +204,22 @@ def _localise(
 ) -> Candidate:
     """The most likely position of the object in the window around a box (lines 1-3)."""
     middle = jnp.zeros(2, jnp.int32)
-    response = None
+    response = by_colour = None
+    if state.colour and config.colour and view.colours is not None:
+        of_object = colour.respond(state.colour, view.colours, config.colour)
+
+        def by_colour(down: Float[Array, " n"], right: Float[Array, " m"]) -> Float[Array, "n m"]:
+            return colour.score(of_object, down, right, box, config)
+
     if state.translation and config.translation:
         assert view.features is not None
         response = translation.respond(state.translation, view.features, config.translation)
-        middle = translation.search_middle(response, box, frame.shape, config)
+        middle = translation.search_middle(response, box, frame.shape, config, by_colour)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
+    if by_colour is not None:
+        score_map += by_colour(*displacements(config.search_grid, middle))
     if response is not None:
         score_map += translation.score(response, middle, config)
     # The translation filter's response is smooth, which the votes are not.
@@ -261,6 +285,10 @@ def _update(
             translation=translation.update(
                 state.translation, view.features, config.translation, config.grid
             )
+        )
+    if state.colour and config.colour and view.colours is not None:
+        updated = updated._replace(
+            colour=colour.update(state.colour, view.colours, config.colour, best.box, config)
         )
     if state.scale and config.scale:
         updated = updated._replace(scale=scale.update(state.scale, descriptions, config.scale))
@@ -331,7 +359,7 @@ def check_state(state: Any, config: Config) -> None:
         raise ValueError(
             f"config.weak is {config.weak!r}, but the state was initialised with another rule"
         )
-    for name in ("translation", "scale", "verification"):
+    for name in ("translation", "colour", "scale", "verification"):
         has, wants = getattr(state, name) is not None, getattr(config, name) is not None
         if has != wants:
             raise ValueError(
@@ -356,7 +384,7 @@ def _readable(frame: ImageLike | VideoFrame | ColumnSums) -> VideoFrame | Column
     if isinstance(frame, (VideoFrame, ColumnSums)):
         return frame
     check_frame(frame)
-    return VideoFrame(jnp.asarray(frame)[None], jnp.zeros((), jnp.int32))
+    return one_frame(jnp.asarray(frame))
 
 
 def _move(

@@ -99,6 +99,19 @@ class TranslationState(NamedTuple):
     first_frame: Filter
 
 
+class ColourState(NamedTuple):
+    """How frequent each colour is, by the number of its bin.
+
+    inside: [bins] float32, running mean of the histogram of the object. outside: [bins], of what is
+        around it. Each has the sum 1; 0 in a video without channels.
+    colourful: [] float32 in [0, 1], how much the cue counts, by the colours of the first frame.
+    """
+
+    inside: Float[Array, " bins"]
+    outside: Float[Array, " bins"]
+    colourful: Float[Array, ""]
+
+
 class VerificationState(NamedTuple):
     """What the object looks like, and for how long it has been missed.
 
@@ -119,7 +132,7 @@ class State(NamedTuple):
 
     box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner: position and estimated size.
     initial_size: [2] float32, w and h of the initial box, pixels.
-    translation, scale, verification: of the components; None where one is switched off.
+    translation, colour, scale, verification: of the components; None where one is switched off.
     """
 
     box: Float[Array, "4"]
@@ -128,6 +141,7 @@ class State(NamedTuple):
     weak: Weak
     strong: Strong
     translation: TranslationState | None
+    colour: ColourState | None
     scale: Filter | None
     verification: VerificationState | None
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import reference
+from reference.colour import ColourState
 from reference.filters import Filter
 from reference.translation import TranslationState
 from reference.verification import VerificationState
@@ -20,6 +21,7 @@ from dcs_jax.types import Pool
 
 _GROUPS: dict[str, Any] = {
     "translation": reference.TranslationFilter,
+    "colour": reference.ColourHistograms,
     "scale": reference.ScaleFilter,
     "verification": reference.Verification,
     "redetection": reference.Redetection,
@@ -88,6 +90,11 @@ def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
         shape = tuple(cells // side for cells in grid.window)
         tracker.translation = TranslationState(
             *(reference_filter(part, shape) for part in state.translation)
+        )
+    if state.colour:
+        inside, outside, colourful = state.colour
+        tracker.colour = ColourState(
+            np.asarray(inside, float), np.asarray(outside, float), float(colourful)
         )
     if state.scale and config.scale:
         tracker.scale = reference_filter(state.scale, (config.scale.num_scales,))

@@ -32,7 +32,7 @@ def test_profile_of_a_step(capsys, cache_key_restored):
     printed = capsys.readouterr().out
     stages = set(re.findall(r"^\| ([a-zA-Z ]+) \| \d+ \| \d+% \| \d+ \|$", printed, re.MULTILINE))
     assert stages > {"window", "confidence map", "peak", "selection"}
-    assert stages > {"translation", "scale", "verification"}
+    assert stages > {"translation", "colour", "scale", "verification"}
     [every, alone] = re.findall(r"(\d+)(?: \(.*\))? us", printed.splitlines()[-1])
     assert int(every) > 0
     assert int(alone) > 0

@@ -55,7 +55,7 @@ def test_filter_and_score_are_those_of_the_reference(seed, shift, prior):
     )
     middle = translation.search_middle(response, BOX, FRAME, config)
     assert (np.asarray(middle) % 2 == 0).all()
-    best = expected.search_middle(of_reference, np.asarray(BOX), FRAME, settings)
+    best = expected.search_middle(of_reference, lambda _: 0.0, np.asarray(BOX), FRAME, settings)
     scores = [expected.score(of_reference, np.asarray(m), settings) for m in (middle, best)]
     np.testing.assert_allclose(translation.score(response, middle, config), scores[0], atol=0.06)
     # Of two cells that are as good up to rounding either may be taken.

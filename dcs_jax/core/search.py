@@ -152,11 +152,7 @@ def find_peak(
     subcell: whether a single best position is refined by a parabola through its neighbours, for a
         score map that is smooth.
     """
-    grid = config.search_grid
-    down, right = (
-        jnp.arange(-margin, margin + 1, dtype=jnp.float32) + offset.astype(jnp.float32)
-        for margin, offset in zip((grid.margin_rows, grid.margin_columns), middle, strict=True)
-    )
+    down, right = displacements(config.search_grid, middle)
     down, right = down[:, None], right[None, :]
     score, best, nearest = best_positions(score_map, down, right, box, frame_shape, config)
     seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
@@ -169,6 +165,20 @@ def find_peak(
     near = jax.lax.dynamic_slice(around, (row, column), (3, 3))
     offset = jnp.stack([parabola_peak(*near[:, 1]), parabola_peak(*near[1])])
     return jnp.where(plateau.sum() > 1, centroid, centroid + offset)
+
+
+def displacements(
+    grid: Grid, middle: Int32[Array, "2"]
+) -> tuple[Float[Array, " C_y"], Float[Array, " C_x"]]:
+    """Displacements of the candidate positions from the last box, down and right, cells.
+
+    middle: [2], that of the window.
+    """
+    down, right = (
+        jnp.arange(-margin, margin + 1, dtype=jnp.float32) + offset.astype(jnp.float32)
+        for margin, offset in zip((grid.margin_rows, grid.margin_columns), middle, strict=True)
+    )
+    return down, right
 
 
 def best_positions(

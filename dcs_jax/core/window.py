@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int32, Shaped, UInt8
 
 from dcs_jax.config import Config, Grid
@@ -41,10 +42,12 @@ class ColumnSums(NamedTuple):
     """A frame and its sums down the columns, from which the windows around any box are cut.
 
     grey: [H, W] int32 in 0..255. above: [H, W] int32, the sum of the pixels above each pixel.
+    pixels: the frame itself, of which only colours are read; or None where nothing reads them.
     """
 
     grey: Int32[Array, "H W"]
     above: Int32[Array, "H W"]
+    pixels: "VideoFrame | None" = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -55,8 +58,7 @@ class ColumnSums(NamedTuple):
 @jax.named_scope("column sums")
 def column_sums(frame: Frame) -> ColumnSums:
     """Grey values and their sums down the columns, of a uint8 frame [H, W] or [H, W, 3] (RGB)."""
-    grey = to_grey(frame)
-    return ColumnSums(grey, _sums_before(grey))
+    return _with_sums(to_grey(frame))._replace(pixels=one_frame(frame))
 
 
 class VideoFrame(NamedTuple):
@@ -72,6 +74,11 @@ class VideoFrame(NamedTuple):
     def shape(self) -> tuple[int, ...]:
         """(H, W) or (H, W, 3)."""
         return self.frames.shape[1:]
+
+
+def one_frame(frame: Frame) -> VideoFrame:
+    """A frame as a video of its own."""
+    return VideoFrame(frame[None], jnp.zeros((), jnp.int32))
 
 
 @jax.named_scope("window")
@@ -105,6 +112,29 @@ def window_integral(
         return jax.lax.switch(number, branches, frame, box)
 
     return of_block(number, frame, box)
+
+
+@jax.named_scope("colours")
+def window_colours(
+    frame: VideoFrame | ColumnSums, box: Float[Array, "4"], grid: Grid, side: int
+) -> UInt8[Array, "Y X 3"] | None:
+    """The colours in the window around a box: of one pixel in every side x side of its cells.
+
+    The one in their middle; outside the frame the nearest one. None where the video has none.
+
+    box: [4] x, y, w, h in pixels.
+    """
+    pixels = frame.pixels if isinstance(frame, ColumnSums) else frame
+    if pixels is None or len(pixels.shape) == 2:
+        return None
+    x, y, w, h = box
+    rows, columns = (
+        side * (np.arange(count // side) - (count // side - 1) / 2) for count in grid.window
+    )
+    height, width, _ = pixels.shape
+    row = _pixel(y + h / 2 + h / grid.rows * jnp.asarray(rows, jnp.float32), height)
+    column = _pixel(x + w / 2 + w / grid.columns * jnp.asarray(columns, jnp.float32), width)
+    return pixels.frames[pixels.number, row[:, None], column[None]]
 
 
 def _block_shapes(height: int, width: int) -> list[tuple[int, int]]:
@@ -187,7 +217,7 @@ def _block(
         pixels = _read_rows(frames, dense, shape[1])
         if isinstance(frame, ColumnSums):
             return ColumnSums(pixels, _read_rows(frame.above[None], dense, shape[1]))
-        return column_sums(pixels)
+        return _with_sums(to_grey(pixels))
     height, width = frame.shape[:2]
     row = jnp.minimum(top + stride * rows + stride // 2, height - 1)
     column = jnp.minimum(left + stride * columns + stride // 2, width - 1)
@@ -202,6 +232,10 @@ def _block(
 
     # Grey values, not pixels: XLA would give these the order of the second branch's in memory.
     grey = jax.lax.cond(stride == 1, every_pixel, every_nth, frames)
+    return _with_sums(grey)
+
+
+def _with_sums(grey: Int32[Array, "rows columns"]) -> ColumnSums:
     return ColumnSums(grey, _sums_before(grey))
 
 
@@ -303,7 +337,7 @@ def canvas_box(box: Float[Array, "4"], config: Config) -> Float[Array, "4"]:
     return jnp.stack([x + w * (1 - wider) / 2, y + h * (1 - 1 / wider) / 2, w * wider, h / wider])
 
 
-def _pixel(line: Float[Array, ""], pixels: int) -> Int32[Array, ""]:
+def _pixel(line: Float[Array, "*lines"], pixels: int) -> Int32[Array, "*lines"]:
     """The pixel that a grid line cuts, or the one next to it outside the frame."""
     return jnp.clip(jnp.floor(line), 0, pixels - 1).astype(jnp.int32)
 

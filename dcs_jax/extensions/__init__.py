@@ -1,6 +1,7 @@
 """What the default tracker has beyond the paper, a file a component.
 
     translation.py   correlation filter over positions: one more cue in the score map
+    colour.py        histograms of the colours of object and background: another one
     scale.py         correlation filter over scales: the size of the box
     verification.py  similarity to templates: confidence, learning only where verified, lost
     redetection.py   search windows all over the frame for an object that was missed

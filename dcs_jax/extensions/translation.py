@@ -6,6 +6,8 @@ object, so that a fast one is found, but learns the object alone: it would stay 
 of the surroundings while the object moves on.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -57,13 +59,15 @@ def search_middle(
     box: Float[Array, "4"],
     frame_shape: tuple[int, ...],
     config: Config,
+    more: Callable[[Float[Array, " n"], Float[Array, " m"]], Float[Array, "n m"]] | None = None,
 ) -> Int32[Array, "2"]:
     """Where the filter says that the votes should be asked: [2] down and right, cells.
 
-    The peak of its score, less the motion prior, from which the search window does not leave the
-    one that the filter sees: a displacement of the search window from the last box.
+    The peak of its score and `more`, less the motion prior, from which the search window does not
+    leave the one that the filter sees: a displacement of the search window from the last box.
 
     response: as of `respond`. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    more: another cue's score at displacements down [n] and right [m], cells.
     """
     grid, searched, cell = config.grid, config.search_grid, _cell(config.grid)
     rows, columns = _shape(grid)
@@ -74,6 +78,8 @@ def search_middle(
     scores = jnp.fft.irfft2(response, s=(rows, columns))
     scores = jnp.roll(scores, limits, (0, 1))[: 2 * limits[0] + 1, : 2 * limits[1] + 1]
     down, right = (cell * jnp.arange(-limit, limit + 1, dtype=jnp.float32) for limit in limits)
+    if more is not None:
+        scores += more(down, right)
     down, right = down[:, None], right[None, :]
     _, _, nearest = best_positions(scores, down, right, box, frame_shape, config)
     row, column = jnp.divmod(nearest, scores.shape[1])

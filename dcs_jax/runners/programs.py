@@ -91,12 +91,17 @@ def scan_slots(
     block = math.gcd(len(frames), _BLOCK)
 
     def scan_block(states: State, first: Int32[Array, ""]) -> tuple[State, StepInfo]:
-        sums = jax.lax.map(column_sums, jax.lax.dynamic_slice_in_dim(frames, first, block))
+        shown = jax.lax.dynamic_slice_in_dim(frames, first, block)
+        # The pixels are read from the video: they would be copied.
+        sums = jax.lax.map(lambda frame: column_sums(frame)._replace(pixels=None), shown)
+
+        def frame_at(t: Int32[Array, ""]) -> ColumnSums:
+            return _at(sums, t)._replace(pixels=VideoFrame(frames, first + t))
 
         def scan_slot(slot: tuple[State, ScanArguments]) -> tuple[State, StepInfo]:
             state, (config, steps, _) = slot
             steps = jnp.clip(steps - first, 0, block)
-            return _scan_slot(state, pool, config, lambda t: _at(sums, t), block, steps)
+            return _scan_slot(state, pool, config, frame_at, block, steps)
 
         return jax.lax.map(scan_slot, (states, each))
 

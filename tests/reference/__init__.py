@@ -4,6 +4,8 @@
     Representation of Label Noise", ACCV 2012: haar to tracker
     Danelljan et al., "Accurate Scale Estimation for Robust Visual Tracking", BMVC 2014: filters,
     translation, scale
+    Possegger et al., "In Defense of Color-Based Model-Free Tracking", CVPR 2015, and Bertinetto et
+    al., "Staple: Complementary Learners for Real-Time Tracking", CVPR 2016: colour
     Dalal and Triggs, "Histograms of Oriented Gradients for Human Detection", CVPR 2005: gradients
 
 It is written from the description, not from the JAX code, and knows nothing of it; one idea a
@@ -11,10 +13,11 @@ function, so that each can be compared. The features are passed in. A component 
 a module, the functions of the paper's own part stand here.
 """
 
-from . import descriptors, filters, gradients, redetection, scale, translation, verification
+from . import colour, descriptors, filters, gradients, redetection, scale, translation, verification
 from .haar import Box, boxes_of, cell_weights, haar_map, haar_response, parts_of
 from .records import (
     Candidate,
+    ColourHistograms,
     Grid,
     Maps,
     Pool,
@@ -61,6 +64,7 @@ __all__ = [
     "LABELS",
     "Box",
     "Candidate",
+    "ColourHistograms",
     "Grid",
     "Maps",
     "Pool",
@@ -75,6 +79,7 @@ __all__ = [
     "boxes_of",
     "cell_means",
     "cell_weights",
+    "colour",
     "count",
     "descriptors",
     "duality_gap",

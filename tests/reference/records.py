@@ -111,6 +111,14 @@ class TranslationFilter:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ColourHistograms:
+    """weight: of the mean probability of being object."""
+
+    weight: float
+    learning_rate: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class ScaleFilter:
     """num_scales: S, odd. step: ratio of a scale to the next smaller one."""
 
@@ -148,8 +156,8 @@ class Redetection:
 class Settings:
     """What one run is set to: the fields of `dcs_jax.config.Config`, which says what they mean.
 
-    canvas: cells per side of the object, or (rows, columns). translation, scale, verification,
-    redetection: None where the component is switched off.
+    canvas: cells per side of the object, or (rows, columns). translation, colour, scale,
+    verification, redetection: None where the component is switched off.
     """
 
     canvas: int | tuple[int, int]
@@ -169,6 +177,7 @@ class Settings:
     prior: float
     output_size: Literal["estimated", "initial"]
     translation: TranslationFilter | None
+    colour: ColourHistograms | None
     scale: ScaleFilter | None
     verification: Verification | None
     redetection: Redetection | None

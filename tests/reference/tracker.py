@@ -9,7 +9,8 @@ from typing import Self
 
 import numpy as np
 
-from . import redetection, scale, selection, strong, translation, verification, weak
+from . import colour, redetection, scale, selection, strong, translation, verification, weak
+from .colour import ColourState
 from .descriptors import describe_scales
 from .filters import Filter
 from .records import Candidate, Floats, Integers, Maps, Pool, Settings, StepInfo
@@ -31,7 +32,7 @@ class Tracker:
     means: [F, 2], column 0 background, column 1 object. sigma: [F, 2], or None with "midpoint".
     variance: [2], P of each class, or one number for both. correct, wrong: [F], from 1.
     selected: [K, N] in [0, M). alpha: [K, N].
-    translation, scale, verification: of the components, None where one is switched off.
+    translation, colour, scale, verification: of the components, None where one is switched off.
     The arrays are copied; the copies are float64 (indices int64). None is changed in place.
     """
 
@@ -47,6 +48,7 @@ class Tracker:
     selected: Integers
     alpha: Floats
     translation: TranslationState | None = None
+    colour: ColourState | None = None
     scale: Filter | None = None
     verification: VerificationState | None = None
 
@@ -95,6 +97,8 @@ class Tracker:
         descriptions = tracker.describe(cells, HERE)
         if settings.translation:
             tracker.translation = translation.init(cells, settings.translation, settings.grid)
+        if settings.colour:
+            tracker.colour = colour.init(tracker.colours(frame, box), tracker.box, settings)
         if settings.scale:
             tracker.scale = scale.init(descriptions)
         if settings.verification:
@@ -110,7 +114,7 @@ class Tracker:
         # Line 4 and Algorithm 2: what there is to learn at the new position.
         updated = replace(self, box=best.box)
         cells = self.window(frame, best.box)
-        noise = updated.update(cells, frame.shape)
+        noise = updated.update(cells, frame)
         confidence = math.nan
         if self.settings.verification:
             confidence = self.verify(cells, updated)
@@ -129,7 +133,7 @@ class Tracker:
         """The most likely position, and size, of the object in the window around a box."""
         settings = self.settings
         cells = self.window(frame, box)
-        maps, middle = self.search(cells, box, frame.shape)
+        maps, middle = self.search(frame, cells, box)
         subcell = settings.translation is not None
         distances = squared_distances(box, settings, middle)
         displacement = middle + peak(maps.scores, distances, subcell)
@@ -154,18 +158,27 @@ class Tracker:
             box = scale.resize(box, steps, frame.shape, settings.scale)
         return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column])
 
-    def search(
-        self, cells: Floats, box: Floats, frame_shape: tuple[int, ...]
-    ) -> tuple[Maps, Integers]:
+    def search(self, frame: np.ndarray, cells: Floats, box: Floats) -> tuple[Maps, Integers]:
         """What there is at every position in the search window within [Gy, Gx] around a box.
 
+        cells: [Gy, Gx], of the window around the box.
         Returns also the displacement [2] of the search window from the box, cells.
         """
         settings, whole, grid = self.settings, self.settings.grid, self.settings.search_grid
         middle, response = np.zeros(2, np.int64), None
+        colours = self.colours(frame, box)
+        of_object = None
+        if self.colour and settings.colour and colours is not None:
+            of_object = colour.pixel_probabilities(self.colour, colours)
+
+        def by_colour(displacement: Floats) -> float:
+            if self.colour is None or of_object is None:
+                return 0.0
+            return colour.score(self.colour, of_object, displacement, box, settings)
+
         if self.translation and settings.translation:
             response = translation.respond(self.translation, cells, settings.translation, whole)
-            middle = translation.search_middle(response, box, frame_shape, settings)
+            middle = translation.search_middle(response, by_colour, box, frame.shape, settings)
         top = whole.margin_rows - grid.margin_rows + middle[0]
         left = whole.margin_columns - grid.margin_columns + middle[1]
         height, width = grid.window
@@ -186,10 +199,14 @@ class Tracker:
             )
         probabilities = strong.part_probabilities(np.stack(maps), settings.smoothing)
         score_map = strong.score_map(probabilities, settings.smoothing)
-        scores = score_map
+        scores = score_map.copy()
         if response is not None:
             scores = scores + translation.score(response, middle, settings)
-        reach = reachable(box, frame_shape, settings)
+        for i in range(grid.positions[0]):
+            for j in range(grid.positions[1]):
+                at = np.array([i - grid.margin_rows, j - grid.margin_columns])
+                scores[i, j] += by_colour(middle + at)
+        reach = reachable(box, frame.shape, settings)
         scores = with_motion_prior(scores, box, reach, settings, middle)
         return Maps(probabilities, score_map, scores), middle
 
@@ -206,19 +223,23 @@ class Tracker:
                 best = other
         return best
 
-    def update(self, cells: Floats, frame_shape: tuple[int, ...]) -> Floats:
-        """Learn the object from the window [Gy, Gx] around the present box, but for its template.
+    def update(self, cells: Floats, frame: np.ndarray) -> Floats:
+        """Learn the object from the window around the present box, but for its template.
 
+        cells: [Gy, Gx], of that window.
         Returns the label noise of the box and of the four corners, [5].
         """
         settings = self.settings
-        responses = self.training_samples(cells, frame_shape)
+        responses = self.training_samples(cells, frame.shape)
         self.update_weak(responses)
         noise = self.select(responses)
         if self.translation and settings.translation:
             self.translation = translation.update(
                 self.translation, cells, settings.translation, settings.grid
             )
+        colours = self.colours(frame, self.box)
+        if self.colour and settings.colour and colours is not None:
+            self.colour = colour.update(self.colour, colours, self.box, settings)
         if self.scale and settings.scale:
             self.scale = scale.update(self.scale, self.describe(cells, HERE), settings.scale)
         return noise
@@ -310,6 +331,10 @@ class Tracker:
         """The cells [Gy, Gx] of the window around a box."""
         shown = shown_box(box, self.settings.squareness)
         return window_cells(frame, shown, self.settings.grid)
+
+    def colours(self, frame: np.ndarray, box: Floats) -> np.ndarray | None:
+        """The colours in the window around a box; None of a grey frame."""
+        return colour.window_colours(frame, box, self.settings)
 
     def describe(self, cells: Floats, displacement: Floats) -> Floats:
         """The patch there at S scales, or at its own if there is no scale filter: [S, D]."""

@@ -1,5 +1,6 @@
 """The translation filter: a correlation filter on the window's gradients, one more cue."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -40,12 +41,16 @@ def respond(
 
 
 def search_middle(
-    spectrum: Spectrum, box: Floats, frame_shape: tuple[int, ...], settings: Settings
+    spectrum: Spectrum,
+    more: Callable[[Integers], float],
+    box: Floats,
+    frame_shape: tuple[int, ...],
+    settings: Settings,
 ) -> Integers:
     """Displacement [2] (down, across), canvas cells, of the search window from the last box.
 
-    The filter's best cell less the motion prior, the nearest one of equals, among those around
-    which the search window does not leave the filter's.
+    The cell of the best response and `more`, of a displacement [2], less the motion prior, the
+    nearest one of equals, among those around which the search window does not leave the filter's.
     """
     grid, searched, cell = settings.grid, settings.search_grid, cell_side(settings.grid)
     values = np.fft.ifft2(spectrum).real
@@ -60,7 +65,8 @@ def search_middle(
                 down = i * cell * height / grid.rows
                 across = j * cell * width / grid.columns
                 distance = (down**2 + across**2) / (width * height)
-                found.append((values[i, j] - settings.prior * distance, distance, i, j))
+                value = values[i, j] + more(cell * np.array([i, j]))
+                found.append((value - settings.prior * distance, distance, i, j))
     best = max(found)[0]
     _, _, i, j = min((one for one in found if one[0] >= best - PLATEAU), key=lambda one: one[1])
     return cell * np.array([i, j])
