@@ -45,6 +45,14 @@ def test_every_page_is_in_the_navigation():
         assert f"- {page.relative_to(ROOT / 'docs')}\n" in navigation
 
 
+def test_the_code_of_a_cue_is_the_code_of_the_package():
+    """Each piece is from a file that was named before it on the page."""
+    page = (ROOT / "docs" / "adding-a-cue.md").read_text()
+    for piece in re.finditer(r"```python\n(.+?)\n```", page, re.DOTALL):
+        named = re.findall(r"`((?:dcs_jax|tests)/[\w/]+\.py)`", page[: piece.start()])
+        assert f"\n{piece.group(1)}\n" in (ROOT / named[-1]).read_text(), piece.group(1)
+
+
 # One place makes each figure: the table of benchmarks/README.md that the command wrote.
 FIGURES = {
     "the default's accuracy": r"\*\*7\.5(?: / |\*\* ± 0\.4 \| \*\*)0\.979",
