@@ -78,7 +78,7 @@ def test_every_change_is_made_to_every_preset():
     [
         ("best", "'best' is not a preset: expected one of default, paper, authors"),
         (" ", "'' is not a preset"),
-        ("paper colour=red", "'colour=red' is not a change of a field: .* selectors"),
+        ("paper hue=red", "'hue=red' is not a change of a field: .* selectors"),
         ("paper parts", "'parts' is not a change"),
         ("paper parts=3", "parts must be one of 1, 5, 9"),
     ],
