@@ -46,11 +46,17 @@ def test_every_page_is_in_the_navigation():
 
 
 def test_the_code_of_a_cue_is_the_code_of_the_package():
-    """Each piece is from a file that was named before it on the page."""
+    """Each piece is from a file that was named before it on the page, at any indentation."""
+
+    def lines(text: str) -> str:
+        return "\n".join(["", *filter(None, map(str.strip, text.splitlines())), ""])
+
     page = (ROOT / "docs" / "adding-a-cue.md").read_text()
-    for piece in re.finditer(r"```python\n(.+?)\n```", page, re.DOTALL):
+    pieces = list(re.finditer(r"```python\n(.+?)\n```", page, re.DOTALL))
+    assert len(pieces) > 8
+    for piece in pieces:
         named = re.findall(r"`((?:dcs_jax|tests)/[\w/]+\.py)`", page[: piece.start()])
-        assert f"\n{piece.group(1)}\n" in (ROOT / named[-1]).read_text(), piece.group(1)
+        assert lines(piece.group(1)) in lines((ROOT / named[-1]).read_text()), piece.group(1)
 
 
 # One place makes each figure: the table of benchmarks/README.md that the command wrote.
