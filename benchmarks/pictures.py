@@ -7,6 +7,7 @@ confidence and the label noise of the selection over the frames) into the folder
 """
 
 import argparse
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,9 @@ def main() -> None:
     _windows(axes[0], clip.frames[FRAME], np.asarray(shown), config)
     seen = VideoFrame(jnp.asarray(clip.frames), jnp.int32(FRAME))
     window = window_integral(seen, shown, config.grid)
-    _scores(axes[1], seen, window, state, config)
+    colours = colour.look(seen, shown, config.grid)
+    assert colours is not None
+    _scores(axes[1], window, colours, clip.frames.shape[1:], state, config)
     _features(axes[2], window, state, config)
     figure.savefig(out / "how-it-works.png", dpi=100)
     track = track_sequence(clip.frames, clip.boxes[0], key, config)
@@ -80,20 +83,22 @@ def _windows(axes: Any, frame: np.ndarray, shown: np.ndarray, config: Config) ->
     _finish(axes, "the object on the canvas, its nine parts, two windows")
 
 
-def _scores(axes: Any, frame: VideoFrame, window: jax.Array, state: Any, config: Config) -> None:
+def _scores(
+    axes: Any,
+    window: jax.Array,
+    colours: jax.Array,
+    frame_shape: tuple[int, ...],
+    state: Any,
+    config: Config,
+) -> None:
     """The score map of the next frame: votes of the parts, translation filter, and colours."""
     assert config.translation is not None
     assert config.colour is not None
-    colours = colour.look(frame, state.box, config)
-    assert colours is not None
     of_object = colour.respond(state.colour, colours, config.colour)
-
-    def by_colour(down: jax.Array, right: jax.Array) -> jax.Array:
-        return colour.score(of_object, down, right, state.box, config)
-
+    by_colour = functools.partial(colour.score, of_object, state.box, config)
     features = translation.features(window, config.grid)
     response = translation.respond(state.translation, features, config.translation)
-    middle = translation.search_middle(response, state.box, frame.shape, config, by_colour)
+    middle = translation.search_middle(response, state.box, frame_shape, config, by_colour)
     searched = search_window(window, middle, config)
     maps = confidence_map(searched, state.pool, state.weak, state.strong, config)
     scores = maps.score_map + translation.score(response, middle, config)

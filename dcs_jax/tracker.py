@@ -27,13 +27,7 @@ from dcs_jax.core.search import (
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import (
-    ColumnSums,
-    VideoFrame,
-    canvas_box,
-    one_frame,
-    window_integral,
-)
+from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, one_frame, window_integral
 from dcs_jax.extensions import colour, redetection, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
@@ -93,11 +87,12 @@ def _begin(
 
 @jax.jit
 def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
-    window = window_integral(frame, canvas_box(box, config), config.grid)
+    on_canvas = canvas_box(box, config)
+    window = window_integral(frame, on_canvas, config.grid)
     return _View(
         window,
         None if config.translation is None else translation.features(window, config.grid),
-        None if config.colour is None else colour.look(frame, box, config),
+        None if config.colour is None else colour.look(frame, on_canvas, config.grid),
     )
 
 
@@ -207,10 +202,7 @@ def _localise(
     response = by_colour = None
     if state.colour and config.colour and view.colours is not None:
         of_object = colour.respond(state.colour, view.colours, config.colour)
-
-        def by_colour(down: Float[Array, " n"], right: Float[Array, " m"]) -> Float[Array, "n m"]:
-            return colour.score(of_object, down, right, box, config)
-
+        by_colour = functools.partial(colour.score, of_object, box, config)
     if state.translation and config.translation:
         assert view.features is not None
         response = translation.respond(state.translation, view.features, config.translation)
@@ -218,10 +210,11 @@ def _localise(
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
-    if by_colour is not None:
-        score_map += by_colour(*displacements(config.search_grid, middle))
     if response is not None:
         score_map += translation.score(response, middle, config)
+    # Last: the sum before is then rounded as it is in a video without channels.
+    if by_colour is not None:
+        score_map += by_colour(*displacements(config.search_grid, middle))
     # The translation filter's response is smooth, which the votes are not.
     subcell = response is not None
     displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell, middle=middle)

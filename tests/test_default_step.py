@@ -68,7 +68,7 @@ def with_an_absence(seed: int) -> Shown:
 @pytest.fixture(scope="module")
 def rendered() -> Shown:
     """One in which every setting that can say so finds it hidden, and no rounding parts the two."""
-    return with_an_absence(18)
+    return with_an_absence(31)
 
 
 def only(*components: str, **changes: Any) -> Config:

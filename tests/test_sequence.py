@@ -97,10 +97,8 @@ def test_chunks_are_the_whole(clip, length, config, tolerance):
 def test_grey_frames_and_their_rgb_copies_give_the_same_track(clip):
     grey = clip.frames[..., 1]
     rgb = np.repeat(grey[..., None], 3, axis=-1)
-    # With colour, channels are another program, which rounds otherwise: see test_colour.py.
-    config = dataclasses.replace(SMALL, colour=None)
     one, two = (
-        dcs_jax.track_sequence(frames, clip.boxes[0], config=config) for frames in (grey, rgb)
+        dcs_jax.track_sequence(frames, clip.boxes[0], config=SMALL) for frames in (grey, rgb)
     )
     np.testing.assert_array_equal(one.boxes, two.boxes)
 

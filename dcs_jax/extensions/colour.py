@@ -8,7 +8,6 @@ classifiers and the translation filter know it by, and keeps its colours.
 """
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,8 @@ from jaxtyping import Array, Float, Int32, UInt8
 
 from dcs_jax.config import ColourHistograms, Config, Grid
 from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, window_colours
-from dcs_jax.types import ColourState
+from dcs_jax.extensions import filters
+from dcs_jax.types import ColourState, Scalar
 
 # Bins for the brightness, and for each of two differences of channels. Differences are taken up to
 # this, as few pixels of a video have larger ones: the bins are then finer than those of a channel.
@@ -45,6 +45,13 @@ def init(
     return ColourState(inside, outside, jnp.minimum(difference / _COLOURFUL, 1))
 
 
+def look(
+    frame: VideoFrame | ColumnSums, box: Float[Array, "4"], grid: Grid
+) -> UInt8[Array, "Y X 3"] | None:
+    """What the cue sees around a box as the canvas shows it, or None in a video without colour."""
+    return window_colours(frame, box, grid, _side(grid))
+
+
 @jax.named_scope("colour")
 def respond(
     state: ColourState, colours: UInt8[Array, "Y X 3"], settings: ColourHistograms
@@ -58,10 +65,10 @@ def respond(
 @jax.named_scope("colour")
 def score(
     response: Float[Array, "Y X"],
-    down: Float[Array, " rows"],
-    right: Float[Array, " columns"],
     box: Float[Array, "4"],
     config: Config,
+    down: Float[Array, " rows"],
+    right: Float[Array, " columns"],
 ) -> Float[Array, "rows columns"]:
     """What the cue adds to the score: the mean response over the inner part of the box.
 
@@ -87,18 +94,8 @@ def update(
 ) -> ColourState:
     """The running means after one more frame; colours: of the window around the new box."""
     inside, outside = _histograms(colours, box, config)
-    rate = jnp.asarray(settings.learning_rate, jnp.float32)
-    return state._replace(
-        inside=state.inside + rate * (inside - state.inside),
-        outside=state.outside + rate * (outside - state.outside),
-    )
-
-
-def look(
-    frame: VideoFrame | ColumnSums, box: Float[Array, "4"], config: Config
-) -> UInt8[Array, "Y X 3"] | None:
-    """What the cue sees around a box, or None in a video without colour."""
-    return window_colours(frame, canvas_box(box, config), config.grid, _side(config.grid))
+    seen = ColourState(inside, outside, state.colourful)
+    return filters.interpolate(state, seen, settings.learning_rate)
 
 
 def _histograms(
@@ -115,7 +112,7 @@ def _histograms(
     top, left = (colours.shape[0] - rows) // 2, (colours.shape[1] - columns) // 2
     colours = colours[top : top + rows, left : left + columns]
 
-    def cover(height: Any, width: Any) -> Float[Array, "rows columns"]:
+    def cover(height: Scalar, width: Scalar) -> Float[Array, "rows columns"]:
         here = jnp.zeros(1, jnp.float32)
         over_rows, over_columns = _cover(rows, height, here), _cover(columns, width, here)
         return over_rows.T * over_columns
@@ -153,7 +150,7 @@ def _half_sides(
     return height / (2 * _side(grid)), width / (2 * _side(grid))
 
 
-def _cover(count: int, half: Any, displacement: Float[Array, " n"]) -> Float[Array, "n count"]:
+def _cover(count: int, half: Scalar, displacement: Float[Array, " n"]) -> Float[Array, "n count"]:
     """How much of each pixel on a line a side covers that is displaced from the middle: [0, 1].
 
     At least as much as one pixel is covered.

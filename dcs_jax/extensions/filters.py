@@ -5,12 +5,16 @@ channels and a running mean of numerator and denominator as in Danelljan et al.,
 estimation for robust visual tracking", BMVC 2014.
 """
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex
 
-from dcs_jax.types import Filter, Scalar
+from dcs_jax.types import ColourState, Filter, Scalar
+
+_Learned = TypeVar("_Learned", Filter, ColourState)
 
 
 def train(
@@ -35,8 +39,8 @@ def response(
     return (trained.numerator * spectrum).sum(0) / power
 
 
-def interpolate(old: Filter, new: Filter, rate: Scalar) -> Filter:
-    """The mean of two filters, the new one with the weight `rate`, in [0, 1]."""
+def interpolate(old: _Learned, new: _Learned, rate: Scalar) -> _Learned:
+    """The mean of two filters, or other records, the new one with the weight `rate`, in [0, 1]."""
     return jax.tree.map(
         lambda before, now: before + jnp.asarray(rate, before.dtype) * (now - before), old, new
     )

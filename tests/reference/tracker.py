@@ -168,7 +168,7 @@ class Tracker:
         middle, response = np.zeros(2, np.int64), None
         colours = self.colours(frame, box)
         of_object = None
-        if self.colour and settings.colour and colours is not None:
+        if self.colour and colours is not None:
             of_object = colour.pixel_probabilities(self.colour, colours)
 
         def by_colour(displacement: Floats) -> float:
@@ -238,7 +238,7 @@ class Tracker:
                 self.translation, cells, settings.translation, settings.grid
             )
         colours = self.colours(frame, self.box)
-        if self.colour and settings.colour and colours is not None:
+        if self.colour and colours is not None:
             self.colour = colour.update(self.colour, colours, self.box, settings)
         if self.scale and settings.scale:
             self.scale = scale.update(self.scale, self.describe(cells, HERE), settings.scale)
@@ -333,7 +333,9 @@ class Tracker:
         return window_cells(frame, shown, self.settings.grid)
 
     def colours(self, frame: np.ndarray, box: Floats) -> np.ndarray | None:
-        """The colours in the window around a box; None of a grey frame."""
+        """The colours in the window around a box; None of a grey frame, or where none are asked."""
+        if self.settings.colour is None:
+            return None
         return colour.window_colours(frame, box, self.settings)
 
     def describe(self, cells: Floats, displacement: Floats) -> Floats:
