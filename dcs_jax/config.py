@@ -183,7 +183,8 @@ class Redetection:
     """Search of the whole frame for an object that was missed (`extensions.redetection`)."""
 
     windows: int = count(2)
-    """Search windows a frame, in addition to that around the last position. Static."""
+    """Search windows a frame, in addition to those around the last box and around that which was
+    verified last. Static."""
     accept_above: Number = share(0.9)
     """Confidence above which the object is accepted in one of them."""
 

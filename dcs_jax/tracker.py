@@ -126,7 +126,7 @@ def _first_state(
         learned,
         None if config.colour is None else colour.init(view.colours, box, config),
         None if config.scale is None else scale.init(descriptions),
-        None if config.verification is None else verification.init(_own_scale(descriptions)),
+        None if config.verification is None else verification.init(_own_scale(descriptions), box),
     )
 
 
@@ -151,8 +151,8 @@ def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple
     # Lines 1-3: where in the window around its last position is the object most likely?
     look = jax.tree_util.Partial(_look, frame, config)
     localise = jax.tree_util.Partial(_localise, state, frame, config)
-    num_missed = state.verification.num_missed if state.verification else jnp.int32(0)
-    best, view = redetection.search(look, localise, state.box, num_missed, frame.shape, config)
+    known = state.verification
+    best, view = redetection.search(look, localise, state.box, known, frame.shape, config)
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
     descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
     updated, noise = _update(state, best, view, descriptions, frame.shape, config)
@@ -298,21 +298,20 @@ def _gated(
 ) -> tuple[State, Candidate]:
     """The updated state where the object is verified, and else the last; with the confidence.
 
-    It is verified once more in the window around the new box, whose size has changed. Otherwise,
-    where it is missed, the search continues from where it was last.
+    It is verified once more in the window around the new box, whose size has changed. The candidate
+    is followed all the same: an object that turns is no longer recognised, and still there.
     """
     assert state.verification
     assert config.verification
     known, confidence, learn = verification.update(
-        state.verification, _own_scale(descriptions), config.verification
+        state.verification, _own_scale(descriptions), best.box, config.verification
     )
-    box = jnp.where(known.num_missed == 0, updated.box, state.box)
 
     def choose(new: Any, old: Any) -> Any:
         # What is the same in both, the features above all, is not copied.
         return old if new is old else jnp.where(learn, new, old)
 
-    chosen = jax.tree.map(choose, updated, state._replace(box=box))
+    chosen = jax.tree.map(choose, updated, state._replace(box=best.box))
     return chosen._replace(verification=known), best._replace(confidence=confidence)
 
 

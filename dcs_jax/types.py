@@ -113,17 +113,19 @@ class ColourState(NamedTuple):
 
 
 class VerificationState(NamedTuple):
-    """What the object looks like, and for how long it has been missed.
+    """What the object looks like, where it was last, and for how long it has been missed.
 
     initial: [D] float32, template of the first frame, a unit vector without its mean.
     online: [D] float32, running mean of the templates of the frames in which it was recognised.
     recent: [D] float32, a quicker mean, of all frames that were learned from.
+    box: [4] float32, x, y, w, h in pixels, where it was verified last.
     num_missed: [] int32, frames in a row in which the object was not verified.
     """
 
     initial: Float[Array, " D"]
     online: Float[Array, " D"]
     recent: Float[Array, " D"]
+    box: Float[Array, "4"]
     num_missed: Int32[Array, ""]
 
 
@@ -162,8 +164,7 @@ class Candidate(NamedTuple):
 class StepInfo(NamedTuple):
     """What one frame yields.
 
-    box: [4] float32, x, y, w, h in pixels, of the best candidate: also where the object is missed,
-        and the search continues from the last box of the state.
+    box: [4] float32, x, y, w, h in pixels, of the best candidate: also where the object is missed.
     confidence: [] float32 in [0, 1], probability that the box overlaps the object by more than
         half; NaN without verification, as in the paper's setting.
     noisy_or: [] float32 in [0, 1], the Noisy-OR of the parts at the position, the paper's

@@ -14,7 +14,7 @@ from layout import reference_settings
 from dcs_jax.config import Config, Redetection
 from dcs_jax.core.window import canvas_box
 from dcs_jax.extensions import redetection
-from dcs_jax.types import Candidate
+from dcs_jax.types import Candidate, VerificationState
 
 SHAPE = (240, 320)
 CONFIG = Config()
@@ -25,6 +25,12 @@ LOOK = jax.tree_util.Partial(lambda box: box)
 
 def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
     return Candidate(box, confidence, confidence, jnp.ones(9))
+
+
+def missed(frames: int, verified: jax.Array = BOX) -> VerificationState:
+    """That of an object that was verified there so many frames ago."""
+    nothing = jnp.zeros(20)
+    return VerificationState(nothing, nothing, nothing, verified, jnp.int32(frames))
 
 
 def test_the_search_windows_cover_the_frame():
@@ -74,7 +80,7 @@ def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, her
         return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
     localise = jax.tree_util.Partial(best, jnp.array([here, there]))
-    found, seen = redetection.search(LOOK, localise, BOX, jnp.int32(num_missed), SHAPE, CONFIG)
+    found, seen = redetection.search(LOOK, localise, BOX, missed(num_missed), SHAPE, CONFIG)
     # What is seen is that around the candidate, to learn from.
     np.testing.assert_array_equal(seen, found.box)
     assert bool((found.box != BOX).any()) == taken
@@ -89,8 +95,31 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, REACHED)
     localise = jax.tree_util.Partial(here_only, target)
     found = [
-        redetection.search(LOOK, localise, BOX, jnp.int32(missed), SHAPE, config)[0].confidence
-        > 0.9
-        for missed in range(1, 6)
+        redetection.search(LOOK, localise, BOX, missed(frames), SHAPE, config)[0].confidence > 0.9
+        for frames in range(1, 6)
     ]
     assert found == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize("settings", [Redetection(), None])
+@pytest.mark.parametrize(
+    ("num_missed", "here", "there", "taken"),
+    [
+        (0, 0.1, 0.99, False),
+        (1, 0.1, 0.69, False),  # not sure
+        (1, 0.1, 0.71, True),
+        (9, 0.1, 0.71, True),
+        (9, 0.8, 0.75, False),  # not better than what is followed
+    ],
+)
+def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, there, taken, settings):
+    def best(confidences: jax.Array, box: jax.Array, _: jax.Array) -> Candidate:
+        return candidate(box, jnp.select([box[0] == BOX[0], box[0] == verified[0]], confidences, 0))
+
+    verified = BOX + jnp.array([91.0, -41.0, 3.0, 2.0])
+    localise = jax.tree_util.Partial(best, list(jnp.array([here, there])))
+    config = Config(redetection=settings)
+    known = missed(num_missed, verified)
+    found, seen = redetection.search(LOOK, localise, BOX, known, SHAPE, config)
+    np.testing.assert_array_equal(found.box, verified if taken else BOX)
+    np.testing.assert_array_equal(seen, found.box)

@@ -15,6 +15,7 @@ from dcs_jax.extensions import verification
 from dcs_jax.types import VerificationState
 
 SETTINGS = Verification()
+THERE, HERE = np.float32([[5, 6, 30, 20], [7, 8, 31, 21]])
 
 
 def unit(seed: int) -> np.ndarray:
@@ -33,10 +34,10 @@ def test_a_frame_counts_as_in_the_reference(seed, num_missed):
     )
     now = (now / np.linalg.norm(now)).astype(np.float32)
     online, recent = online.astype(np.float32), recent.astype(np.float32)
-    templates = [jnp.asarray(template) for template in (first, online, recent)]
-    state = VerificationState(templates[0], templates[1], templates[2], jnp.int32(num_missed))
+    arrays = [jnp.asarray(array) for array in (first, online, recent, THERE)]
+    state = VerificationState(*arrays, num_missed=jnp.int32(num_missed))
     settings = reference.Verification(**dataclasses.asdict(SETTINGS))
-    same = expected.VerificationState(first, online, recent, num_missed)
+    same = expected.VerificationState(first, online, recent, THERE, num_missed)
     assert verification.similarity(state, jnp.asarray(now), SETTINGS) == pytest.approx(
         expected.similarity(same, now, settings), abs=1e-5
     )
@@ -44,11 +45,14 @@ def test_a_frame_counts_as_in_the_reference(seed, num_missed):
     certain = expected.score(expected.similarity(same, now, settings), settings)
     limits = (SETTINGS.learn_above, SETTINGS.sure_above, SETTINGS.lost_below, 0.9)
     assume(all(abs(value - limit) > 1e-4 for value in (followed, certain) for limit in limits))
-    found, confidence, learn = verification.update(state, jnp.asarray(now), SETTINGS)
-    wanted, wanted_confidence, wanted_learn = expected.update(same, now, settings)
+    found, confidence, learn = verification.update(
+        state, jnp.asarray(now), jnp.asarray(HERE), SETTINGS
+    )
+    wanted, wanted_confidence, wanted_learn = expected.update(same, now, HERE, settings)
     assert confidence == pytest.approx(wanted_confidence, abs=1e-4)
     assert learn == wanted_learn
     assert found.num_missed == wanted.num_missed
+    np.testing.assert_array_equal(found.box, wanted.box)
     for one, other in zip(found[:3], wanted[:3], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
     assert verification.is_lost(found, SETTINGS) == expected.is_lost(wanted, settings)
@@ -64,13 +68,15 @@ def with_similarity(similarity: float) -> np.ndarray:
 
 def test_a_change_is_followed_by_the_recent_template_alone():
     first, changed = unit(1), with_similarity(0.32)
-    state = verification.init(jnp.asarray(first))
+    state = verification.init(jnp.asarray(first), jnp.asarray(THERE))
     confidence = verification.score(
         verification.similarity(state, jnp.asarray(changed), SETTINGS), SETTINGS
     )
     assert SETTINGS.learn_above < confidence < SETTINGS.sure_above
     for _ in range(40):
-        state, confidence, learn = verification.update(state, jnp.asarray(changed), SETTINGS)
+        state, confidence, learn = verification.update(
+            state, jnp.asarray(changed), jnp.asarray(HERE), SETTINGS
+        )
         assert learn
     assert confidence < SETTINGS.sure_above  # it does not recognise what it was not sure of
     np.testing.assert_array_equal(state.online, first)
@@ -87,19 +93,24 @@ def test_an_object_is_missed_lost_and_recovered_by_its_confidence():
         patience=3,
         recent_rate=0.0,
     )
-    state = verification.init(jnp.asarray(unit(1)))
-    counts, lost, learned = [], [], []
-    for confidence in (0.3, 0.6, 0.45, 0.2, 0.6, 0.89, 0.95, 0.6):
+    state = verification.init(jnp.asarray(unit(1)), jnp.zeros(4, jnp.float32))
+    counts, lost, learned, verified = [], [], [], []
+    for number, confidence in enumerate((0.3, 0.6, 0.45, 0.2, 0.6, 0.89, 0.95, 0.6), 1):
         similarity = settings.middle + np.log(confidence / (1 - confidence)) / settings.slope
         state, found, learn = verification.update(
-            state, jnp.asarray(with_similarity(similarity)), settings
+            state,
+            jnp.asarray(with_similarity(similarity)),
+            jnp.full(4, number, jnp.float32),
+            settings,
         )
         assert found == pytest.approx(confidence, abs=0.01)
         counts.append(int(state.num_missed))
         lost.append(bool(verification.is_lost(state, settings)))
         learned.append(bool(learn))
+        verified.append(int(state.box[0]))
     # 0.6 holds an object that was missed once, not one that was missed twice; one that is lost
     # needs more than 0.9. Learned is a frame in doubt only above 0.7.
     assert counts == [1, 0, 1, 2, 3, 4, 0, 0]
+    assert verified == [0, 2, 2, 2, 2, 2, 7, 8]  # the number of the box
     assert lost == [count >= 3 for count in counts]
     assert learned == [False, True, True, False, False, True, True, True]

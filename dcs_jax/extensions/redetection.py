@@ -1,4 +1,4 @@
-"""Re-detection: an object that was missed is looked for in search windows all over the frame."""
+"""Where else an object that was missed is looked for: where it was last, and all over the frame."""
 
 from typing import Any
 
@@ -8,29 +8,34 @@ from jaxtyping import Array, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core.window import canvas_box
-from dcs_jax.types import Candidate
+from dcs_jax.types import Candidate, VerificationState
 
 
 def search(
     look: jax.tree_util.Partial,
     localise: jax.tree_util.Partial,
     box: Float[Array, "4"],
-    num_missed: Int32[Array, ""],
+    known: VerificationState | None,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> tuple[Candidate, Any]:
     """The candidate around the box, or a better one elsewhere if the object was missed before.
 
-    In each frame a few of the search windows that cover the frame are searched, in turn. A loop,
-    whose last turn looks at the candidate: what it takes to look and to localise is compiled once.
+    In each frame a few of the search windows that cover the frame are searched, in turn, and that
+    around the box that was verified last: the present one may have followed something else, or what
+    is in front of the object. A loop, whose last turn looks at the candidate: what it takes to look
+    and to localise is compiled once.
 
+    known: the state of the verification, None without.
     look: from a box to what is seen of the frame around it. localise: from a box and what is seen
         there to the candidate. Pytrees of what they need.
     Returns the candidate and what is seen around it.
     """
     settings = config.redetection
     windows = 0 if settings is None else settings.windows
-    accept_above = jnp.inf if settings is None else settings.accept_above
+    accept_above = 1.0 if settings is None else settings.accept_above
+    verified, num_missed = (known.box, known.num_missed) if known else (box, jnp.int32(0))
+    sure_above = 1.0 if config.verification is None else config.verification.sure_above
 
     # Under vmap the tracks take turns, so that those which hold their object do not search.
     @jax.custom_batching.sequential_vmap
@@ -38,21 +43,27 @@ def search(
         look: jax.tree_util.Partial,
         localise: jax.tree_util.Partial,
         box: Float[Array, "4"],
+        verified: Float[Array, "4"],
         reached: Float[Array, "2"],
         num_missed: Int32[Array, ""],
         accept_above: Float[Array, ""],
+        sure_above: Float[Array, ""],
     ) -> tuple[Candidate, Any]:
-        turns = jnp.where(num_missed > 0, 1 + windows, 1)
+        turns = jnp.where(num_missed > 0, 2 + windows, 1)
 
         def turn(number: Int32[Array, ""], found: tuple[Candidate, Any]) -> tuple[Candidate, Any]:
             best, _ = found
-            elsewhere = search_window(box, windows * num_missed + number - 1, frame_shape, reached)
-            place = jnp.where(number == 0, box, jnp.where(number == turns, best.box, elsewhere))
+            tile = windows * num_missed + number - 2
+            places = jnp.stack(
+                [box, verified, search_window(verified, tile, frame_shape, reached), best.box]
+            )
+            place = places[jnp.where(number == turns, 3, jnp.minimum(number, 2))]
+            least = jnp.where(number == 1, sure_above, accept_above)
             seen = look(place)
 
             def search_there() -> Candidate:
                 other = localise(place, seen)
-                better = other.confidence > jnp.maximum(best.confidence, accept_above)
+                better = other.confidence > jnp.maximum(best.confidence, least)
                 better |= number == 0
                 return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
 
@@ -63,8 +74,9 @@ def search(
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
         return jax.lax.fori_loop(0, turns + 1, turn, nothing)
 
-    reached = canvas_box(box, config)[2:] * (config.window_factor - 1)
-    given = look, localise, box, reached, num_missed, jnp.float32(accept_above)
+    reached = canvas_box(verified, config)[2:] * (config.window_factor - 1)
+    limits = jnp.float32(accept_above), jnp.float32(sure_above)
+    given = look, localise, box, verified, reached, num_missed, *limits
     return search_all(*jax.tree.map(jnp.asarray, given))
 
 

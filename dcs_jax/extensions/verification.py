@@ -15,9 +15,9 @@ from dcs_jax.types import Scalar, VerificationState
 _ROUNDING = 1e-6
 
 
-def init(description: Float[Array, " D"]) -> VerificationState:
-    """The state after the first frame, from the description of the initial box."""
-    return VerificationState(description, description, description, jnp.zeros((), jnp.int32))
+def init(description: Float[Array, " D"], box: Float[Array, "4"]) -> VerificationState:
+    """The state after the first frame, from the initial box and its description."""
+    return VerificationState(description, description, description, box, jnp.zeros((), jnp.int32))
 
 
 @jax.named_scope("verification")
@@ -82,7 +82,10 @@ def may_learn(
 
 
 def update(
-    state: VerificationState, description: Float[Array, " D"], settings: Verification
+    state: VerificationState,
+    description: Float[Array, " D"],
+    box: Float[Array, "4"],
+    settings: Verification,
 ) -> tuple[VerificationState, Float[Array, ""], Bool[Array, ""]]:
     """The state after a frame whose box looks so, its confidence, and whether it is learned from.
 
@@ -103,6 +106,7 @@ def update(
         state.initial,
         learned(state.online, confidence > settings.sure_above, settings.template_rate),
         learned(state.recent, learn, settings.recent_rate),
+        jnp.where(missed, state.box, box),
         jnp.where(missed, state.num_missed + 1, 0),
     )
     return after, confidence, learn

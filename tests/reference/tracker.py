@@ -102,15 +102,13 @@ class Tracker:
         if settings.scale:
             tracker.scale = scale.init(descriptions)
         if settings.verification:
-            tracker.verification = verification.init(own_scale(descriptions))
+            tracker.verification = verification.init(own_scale(descriptions), tracker.box)
         return tracker
 
     def step(self, frame: np.ndarray) -> StepInfo:
         """Algorithm 1: find the object in the next frame and learn from it."""
         # Lines 1-3: where in the window around its last position is the object most likely?
-        best = self.localise(frame, self.box)
-        if self.settings.redetection:
-            best = self.search_elsewhere(frame, best)
+        best = self.search_elsewhere(frame, self.localise(frame, self.box))
         # Line 4 and Algorithm 2: what there is to learn at the new position.
         updated = replace(self, box=best.box)
         cells = self.window(frame, best.box)
@@ -211,15 +209,23 @@ class Tracker:
         return Maps(probabilities, score_map, scores), middle
 
     def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
-        """The candidate, or a better one in further windows if the object was missed last."""
-        state, settings = self.verification, self.settings.redetection
-        assert state
-        assert settings
-        for box in redetection.search_windows(
-            self.box, state.num_missed, frame.shape, self.settings
-        ):
+        """The candidate, or a better one in further windows if the object was missed last.
+
+        Around where it was verified last it has to be sure, elsewhere more than that.
+        """
+        state = self.verification
+        if state is None or state.num_missed == 0:
+            return best
+        assert self.settings.verification
+        places = [(state.box, self.settings.verification.sure_above)]
+        if self.settings.redetection:
+            tiles = redetection.search_windows(
+                state.box, state.num_missed, frame.shape, self.settings
+            )
+            places += [(box, self.settings.redetection.accept_above) for box in tiles]
+        for box, least in places:
             other = self.localise(frame, box)
-            if other.confidence > max(best.confidence, settings.accept_above):
+            if other.confidence > max(best.confidence, least):
                 best = other
         return best
 
@@ -247,8 +253,7 @@ class Tracker:
     def verify(self, cells: Floats, updated: Self) -> float:
         """Become the updated track only if the object is verified well enough to be learned.
 
-        A candidate that is verified moves the box all the same; if it is not, the next search is
-        around the last one. Returns the confidence.
+        The box is that of the candidate all the same. Returns the confidence.
 
         cells: [Gy, Gx], of the window around the candidate.
         """
@@ -256,11 +261,10 @@ class Tracker:
         assert state
         assert settings
         description = own_scale(self.describe(cells, HERE))
-        state, confidence, learn = verification.update(state, description, settings)
+        state, confidence, learn = verification.update(state, description, updated.box, settings)
         if learn:
             self.become(updated)
-        elif state.num_missed == 0:
-            self.box = updated.box
+        self.box = updated.box
         self.verification = state
         return confidence
 

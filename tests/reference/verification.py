@@ -10,20 +10,22 @@ LEAST_SQUARE = 1e-6
 
 
 class VerificationState(NamedTuple):
-    """Templates of the object, unit vectors or a mean of them, and the frames since it was seen.
+    """Templates of the object, unit vectors or a mean of them, and where and when it was seen.
 
-    initial, online, recent: [D]. num_missed: frames in a row in which the object was not verified.
+    initial, online, recent: [D]. box: [4], of the last frame in which it was verified.
+    num_missed: frames in a row in which the object was not verified.
     """
 
     initial: Floats
     online: Floats
     recent: Floats
+    box: Floats
     num_missed: int
 
 
-def init(description: Floats) -> VerificationState:
-    """The state after the first frame; description: [D], of the initial box."""
-    return VerificationState(description, description, description, 0)
+def init(description: Floats, box: Floats) -> VerificationState:
+    """The state after the first frame; description: [D], of the initial box [4]."""
+    return VerificationState(description, description, description, box, 0)
 
 
 def similarity(state: VerificationState, description: Floats, settings: Verification) -> float:
@@ -61,9 +63,11 @@ def may_learn(state: VerificationState, followed: float, settings: Verification)
 
 
 def update(
-    state: VerificationState, description: Floats, settings: Verification
+    state: VerificationState, description: Floats, box: Floats, settings: Verification
 ) -> tuple[VerificationState, float, bool]:
     """The state after a frame, the confidence, and whether the rest learns from the frame.
+
+    description: [D], of the candidate, which has this box [4].
 
     The online template is a running mean of what was surely recognised by it and the initial one,
     the recent one of all that was learned from.
@@ -78,8 +82,15 @@ def update(
     if learn:
         rate = settings.recent_rate
         recent = (1 - rate) * recent + rate * description
-    missed = state.num_missed + 1 if is_missed(state, followed, settings) else 0
-    return VerificationState(state.initial, online, recent, missed), confidence, learn
+    missed = is_missed(state, followed, settings)
+    after = VerificationState(
+        state.initial,
+        online,
+        recent,
+        state.box if missed else box,
+        state.num_missed + 1 if missed else 0,
+    )
+    return after, confidence, learn
 
 
 def in_doubt(state: VerificationState, settings: Verification) -> bool:
