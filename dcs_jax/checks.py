@@ -19,6 +19,7 @@ SMALLEST_SIDE = 4
 # Pixels. The corners of a larger box are not known to a tenth of a pixel in float32.
 LARGEST_SIDE = 1e6
 INT32 = 2**31 - 1  # the largest number that fits
+LARGEST_SEED = 2**32 - 1  # that `jax.random.key` takes for itself
 # Characters of a value in a message.
 _SHOWN = 80
 

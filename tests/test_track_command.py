@@ -117,6 +117,8 @@ def test_the_suffix_says_the_format(video, clip, here):
     assert (tracks.size, tracks.length) == ((160, 120), LENGTH)
     good(video, "--box", text(clip.boxes[0]), "--end", 3, "--format", "coco")
     assert formats.sniff(here / "boxes.json") == "coco"
+    good(video, "--box", text(clip.boxes[0]), "--end", 3, "--format", "mot")
+    assert formats.sniff(here / "boxes.txt") == "mot"
 
 
 def test_a_track_goes_on_in_the_next_part(video, clip, here):
@@ -407,7 +409,7 @@ def test_frames_that_a_camera_dropped_have_no_box_in_any_format(here, format):
     sure, lost = np.ones((1, 3), np.float32), np.zeros((1, 3), bool)
     track: Any = Track(boxes, sure, sure, sure[..., None], lost, sure[..., None])
     chunk = Chunk(0, np.zeros((3, 120, 160, 3), np.uint8), track, np.ones(1, bool))
-    out = here / f"out{formats.FORMATS[format].suffix or '.txt'}"
+    out = here / f"out{formats.FORMATS[format].suffix}"
     with Outputs(Gaps(), ["1"], out, format, None, None) as outputs:
         outputs.write(chunk)
     assert outputs.count == 3

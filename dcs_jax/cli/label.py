@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from dcs_jax import formats
+from dcs_jax.checks import LARGEST_SEED
 from dcs_jax.cli.errors import warn
 from dcs_jax.cli.options import Changes, PresetName, together
 from dcs_jax.compilation import cache
@@ -54,7 +55,7 @@ def label(
         int | None,
         typer.Option(
             min=0,
-            max=2**32 - 1,
+            max=LARGEST_SEED,
             help="Seed of the random features.",
             show_default="0, or the project's",
         ),

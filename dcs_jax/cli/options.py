@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from dcs_jax.checks import LARGEST_SEED
+
 PresetName = Literal["default", "paper"]
 Preset = Annotated[PresetName, typer.Option(help="Settings of the tracker.")]
 Changes = Annotated[
@@ -15,7 +17,7 @@ Changes = Annotated[
         show_default=False,
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the random features.")]
+Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of the random features.")]
 
 
 def together(changes: list[str] | None) -> list[str]:

@@ -57,23 +57,25 @@ __all__ = [
 class Format(NamedTuple):
     """How tracks are written and read.
 
-    suffix: of the files that are written in this format without being asked for; "" for none.
+    suffix: of a file in this format that is given no name; "" where it is always a folder.
     folder: whether it may be a folder.
+    named: whether a path of that suffix is in this format if nothing else is said.
     """
 
     write: Callable[[Path, Tracks], None]
     read: Callable[..., Tracks]
     suffix: str = ""
     folder: bool = False
+    named: bool = True
 
 
 FORMATS = {
     "csv": Format(table.write, table.read, ".csv"),
     "otb": Format(otb.write, otb.read, ".txt", folder=True),
-    "mot": Format(mot.write, mot.read),
+    "mot": Format(mot.write, mot.read, ".txt", named=False),
     "cvat": Format(cvat.write, cvat.read, ".xml"),
     "coco": Format(coco.write, coco.read, ".json"),
-    "yolo": Format(yolo.write, yolo.read, folder=True),
+    "yolo": Format(yolo.write, yolo.read, folder=True, named=False),
 }
 NAMES = tuple(FORMATS)
 
@@ -129,7 +131,7 @@ def format_of(path: Path) -> str:
     if (name := named_by(path)) is not None:
         return name
     suffixes = ", ".join(
-        f"{known.suffix} ({name})" for name, known in FORMATS.items() if known.suffix
+        f"{known.suffix} ({name})" for name, known in FORMATS.items() if known.named
     )
     raise ValueError(
         f"{path} has no suffix that says the format: expected {suffixes}, "
@@ -139,7 +141,7 @@ def format_of(path: Path) -> str:
 
 def named_by(path: Path) -> str | None:
     """The format of the path's suffix; None if there is none of that suffix."""
-    names = {known.suffix: name for name, known in FORMATS.items() if known.suffix}
+    names = {known.suffix: name for name, known in FORMATS.items() if known.named}
     return names.get(path.suffix.lower())
 
 

@@ -33,7 +33,6 @@ INDEX = "results.csv"
 FAILED = "failed.csv"
 LOCK = ".lock"
 TABLE: FormatName = "csv"
-SUFFIXES = {"otb": "", "mot": ".txt"}  # of a video, which may have several targets
 LONGEST_STEM = 80  # bytes of the video's name in the name of its file
 
 
@@ -44,7 +43,10 @@ class BatchFolder:
         self, path: str | Path, config: Config, seed: int, format: FormatName = TABLE
     ) -> None:
         self.path = Path(path)
-        self._format, self._suffix = format, SUFFIXES.get(format, formats.FORMATS[format].suffix)
+        self._format = format
+        # A video may have several targets: where they need a folder, it always is one.
+        known = formats.FORMATS[format]
+        self._suffix = "" if known.folder else known.suffix
         self._made_with = [
             dataclasses.asdict(config),
             seed,

@@ -9,8 +9,6 @@ from typing import NamedTuple
 from dcs_jax import formats
 from dcs_jax.annotate import Project, to_tracks
 
-_SUFFIXES = {"mot": ".txt"}  # which has none of its own, as that is OTB's
-
 
 class Export(NamedTuple):
     """A file: its name, its media type and its content."""
@@ -33,9 +31,7 @@ def export_name(project: Project, format: str) -> str:
     stem = clip.stem or clip.name or "clip"
     if format == "otb" and len(project.objects) > 1:
         return f"{stem}_otb"
-    if format == "yolo":
-        return f"{stem}_yolo"
-    return f"{stem}_{format}{formats.FORMATS[format].suffix or _SUFFIXES[format]}"
+    return f"{stem}_{format}{formats.FORMATS[format].suffix}"
 
 
 def export(project: Project, format: str) -> Export:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dcs_jax import tracker
-from dcs_jax.checks import check_box, check_choice, check_count, check_frame
+from dcs_jax.checks import LARGEST_SEED, check_box, check_choice, check_count, check_frame
 from dcs_jax.config import Config, check_config, resolve_all, single_precision
 from dcs_jax.io.chunks import aligned
 from dcs_jax.runners.programs import without_pool
@@ -22,8 +22,6 @@ from dcs_jax.types import BoxLike, Pool, State, StepInfo
 
 Order = Literal["rgb", "bgr"]
 Box = tuple[float, float, float, float]
-
-_LARGEST_SEED = 2**32 - 1
 
 
 class Result(NamedTuple):
@@ -261,7 +259,7 @@ def as_frame(frame: Any, order: Order = "rgb") -> NDArray[np.uint8]:
 
 def _checked(config: Config, seed: int, order: Order) -> int:
     check_config(config)
-    seed = check_count("seed", seed, least=0, most=_LARGEST_SEED)
+    seed = check_count("seed", seed, least=0, most=LARGEST_SEED)
     check_choice("order", order, ("rgb", "bgr"))
     return seed
 
