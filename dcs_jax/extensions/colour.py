@@ -121,9 +121,9 @@ def _histograms(
     inside = cover(_OBJECT * height, _OBJECT * width)
     near = jnp.minimum(_NEAR * height, far[0]), jnp.minimum(_NEAR * width, far[1])
     weights = jnp.stack([inside, cover(*far) - cover(*near)]).reshape(2, -1)
-    bins = _bins(colours).reshape(1, -1)
-    sums = jnp.zeros((2, _BINS**3), jnp.float32).at[jnp.arange(2)[:, None], bins].add(weights)
-    return sums / jnp.maximum(weights.sum(1, keepdims=True), 1)
+    # Both at once: a pixel counts in the same bin of the two, and its place is computed once.
+    sums = jnp.zeros((_BINS**3, 2), jnp.float32).at[_bins(colours).reshape(-1)].add(weights.T)
+    return sums.T / jnp.maximum(weights.sum(1, keepdims=True), 1)
 
 
 def _bins(colours: UInt8[Array, "Y X 3"]) -> Int32[Array, "Y X"]:
