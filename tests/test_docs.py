@@ -63,9 +63,9 @@ def test_the_code_of_a_cue_is_the_code_of_the_package():
 FIGURES = {
     "the default's accuracy": r"\*\*7\.2(?: / |\*\* ± 0\.3 \| \*\*)0\.985",
     "the paper's accuracy": r"13\.1(?: / | ± 1\.1 \| )0\.877",
-    "speed at 320x240, 80 px": r"320x240, 80 px \| \*\*360\*\* \| 267 \| 186 \| 59 \| 35",
-    "speed at 1920x1080, 80 px": r"1920x1080, 80 px \| \*\*285\*\* \| 269 \| 213 \| 44 \| 27",
-    "speed at 1920x1080, 300 px": r"1920x1080, 300 px \| \*\*265\*\* \| 231 \| 61 \| 23 \| 28",
+    "speed at 320x240, 80 px": r"320x240, 80 px \| \*\*418\*\* \| 310 \| 135 \| 52 \| 39",
+    "speed at 1920x1080, 80 px": r"1920x1080, 80 px \| 219 \| \*\*312\*\* \| 142 \| 39 \| 34",
+    "speed at 1920x1080, 300 px": r"1920x1080, 300 px \| 201 \| \*\*246\*\* \| 43 \| 25 \| 29",
 }
 ABOUT = {
     "the default's accuracy": r"^\| `Config\(output_size=\"initial\"\)` \| 30",
