@@ -15,7 +15,8 @@ from dcs_jax.extensions import verification
 from dcs_jax.types import VerificationState
 
 SETTINGS = Verification()
-THERE, HERE = np.float32([[5, 6, 30, 20], [7, 8, 31, 21]])
+THERE = np.array([5, 6, 30, 20], np.float32)
+HERE = np.array([7, 8, 31, 21], np.float32)
 
 
 def unit(seed: int) -> np.ndarray:
@@ -34,8 +35,8 @@ def test_a_frame_counts_as_in_the_reference(seed, num_missed):
     )
     now = (now / np.linalg.norm(now)).astype(np.float32)
     online, recent = online.astype(np.float32), recent.astype(np.float32)
-    arrays = [jnp.asarray(array) for array in (first, online, recent, THERE)]
-    state = VerificationState(*arrays, num_missed=jnp.int32(num_missed))
+    initial, slow, quick, box = (jnp.asarray(part) for part in (first, online, recent, THERE))
+    state = VerificationState(initial, slow, quick, box, jnp.int32(num_missed))
     settings = reference.Verification(**dataclasses.asdict(SETTINGS))
     same = expected.VerificationState(first, online, recent, THERE, num_missed)
     assert verification.similarity(state, jnp.asarray(now), SETTINGS) == pytest.approx(
