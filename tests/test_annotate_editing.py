@@ -243,8 +243,10 @@ def test_the_next_doubtful_frame_is_the_worst_of_its_stretch_and_comes_around():
         track = track_of(stretch, confidence=0.99, disagreement=np.nan)
         track.confidence[100] = 0.0  # a frame by itself
         if stretch.object == id:
-            track.confidence[30:51] = 0.2
-            track.confidence[150:171] = 0.1
+            track.confidence[25:56] = 0.2
+            track.confidence[145:176] = 0.1
+            track.boxes[40:] += 9  # it jumps while it is not recognised
+            track.boxes[160:] += 9
         editor.fill(stretch, track)
     found = [editor.next_doubtful(frame) for frame in (0, 100)]
     first, second = (frame for frame, _ in filter(None, found))
@@ -255,6 +257,37 @@ def test_the_next_doubtful_frame_is_the_worst_of_its_stretch_and_comes_around():
     assert editor.next_doubtful(0, other) is None
     editor.set_keyframe(id, first, None)  # absent from there to the end
     assert editor.next_doubtful(first) is None
+
+
+def test_what_was_followed_until_it_is_recognised_again_is_not_in_doubt():
+    def found(change=lambda track: None):
+        editor = Editor(project(120))
+        editor.add_object(0, BOX)
+        for stretch in editor.pending():
+            track = track_of(stretch, confidence=0.99, disagreement=np.nan)
+            track.confidence[30:91] = 0.1
+            change(track)
+            editor.fill(stretch, track)
+        return editor.next_doubtful(0)
+
+    def apart(track):
+        track.disagreement[30:91] = 0.9
+
+    def near(track):
+        track.disagreement[30:91] = 0.5
+
+    def jumps_back(track):
+        track.boxes[91:] += 9
+
+    def moves(track):
+        track.boxes[:, 0] += 2 * np.arange(120)
+
+    def never_again(track):
+        track.confidence[91:] = 0.6
+
+    assert found() is found(near) is found(moves) is None
+    for change in (apart, jumps_back, never_again):
+        assert 30 < found(change)[0] < 90, change
 
 
 def test_an_id_is_never_given_again():

@@ -92,6 +92,17 @@ def test_the_track_that_has_the_object_is_believed():
         assert overlaps(join(right, backward).boxes, right.boxes).min() > 0.9
 
 
+def test_a_track_that_is_sure_at_the_other_keyframe_and_not_there_is_believed_less():
+    right = moving(60)
+    # It holds what is in front of the object from the keyframe at the end on, surer than the other.
+    backward = moving(60, confidence=1.0)
+    backward.boxes[:55] = backward.boxes[55]
+    forward = lost(right, slice(52, 60))
+    forward.confidence[:52] = 0.7
+    joined = join(forward, backward)
+    assert overlaps(joined.boxes, right.boxes)[:44].min() > 0.9  # then the two overlap
+
+
 def test_drift_is_taken_out_of_both_tracks():
     right = moving(40)
     late = np.linspace(0, 1, 40, dtype=np.float32)

@@ -1,5 +1,7 @@
 // What the server has told: the clip, its objects, what is tracked and saved; and the place.
 
+export const DOUBTFUL = 1; // a frame with more doubt is where to look, as `annotate.doubt` has it
+
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
 function numbers(text) {

@@ -1,5 +1,6 @@
 // The list of objects, what can be done with the chosen one, and what the server is doing.
 
+import { DOUBTFUL } from "./model.js";
 import { inkOn } from "./view.js";
 
 const $ = (selector) => document.querySelector(selector);
@@ -145,7 +146,7 @@ export class Panel {
       const { kind, text } = model.state(object, frame);
       const state = row.querySelector(".state");
       state.textContent = text;
-      state.classList.toggle("bad", kind === "lost" || (kind === "tracked" && object.doubt[frame] > 0.7));
+      state.classList.toggle("bad", kind === "lost" || (kind === "tracked" && object.doubt[frame] > DOUBTFUL));
     }
     const object = model.chosen;
     $("#actions").hidden = !object;

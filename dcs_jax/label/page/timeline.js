@@ -1,10 +1,10 @@
 // The clip from left to right: one lane an object, and the place.
 
+import { DOUBTFUL } from "./model.js";
 import { colourOf, diamond } from "./view.js";
 
 const LANE = 26;
 const NAMES = 112; // pixels for the names at the left
-const DOUBT = 0.7; // as `annotate.doubt` has it
 const RAMP = ["--low", "--mid", "--high"];
 
 export class Timeline {
@@ -219,7 +219,7 @@ export class Timeline {
       if (!known) continue;
       context.fillStyle = lost ? colours.hatch : colours.ramp[Math.round(20 * Math.max(0, Math.min(1, worst)))];
       context.fillRect(x, top + 6, end - x, 14);
-      if (doubt > DOUBT && !lost) {
+      if (doubt > DOUBTFUL && !lost) {
         context.fillStyle = colours.doubt;
         context.fillRect(x, top + 17, end - x, 3);
       }
