@@ -2,10 +2,10 @@
 
 One frame of little confidence is mostly a blurred one: it is the mean over a window that counts.
 And an object that turns is not recognised, but followed all the same: where it is recognised again,
-and its box has not jumped meanwhile, it was never lost. Measured on the tracks from and between nine
-keyframes at random of thirteen sequences, three times: of the 154 frames that `doubtful` names, 0.66
-overlap the object by less than half (0.89 by less than 0.7); of those of least confidence wherever
-it is below 0.5, 0.24.
+and its box has not jumped meanwhile, it was never lost. Measured on the tracks from and between
+nine keyframes at random of thirteen sequences, three times: of the 154 frames that `doubtful`
+names, 0.66 overlap the object by less than half (0.89 by less than 0.7); of those of least
+confidence wherever it is below 0.5, 0.24.
 """
 
 import itertools
@@ -19,8 +19,8 @@ from dcs_jax.annotate.project import ObjectLane
 WINDOW, DOUBTED = 25, 0.3
 # Confidence from which on the object is recognised again.
 RECOGNISED = 0.7
-# The largest step of a box that has not jumped, in sides of it, and the mean disagreement of forward
-# and backward up to which they follow the same.
+# The largest step of a box that has not jumped, in sides of it, and the mean disagreement of
+# forward and backward up to which they follow the same.
 JUMP, APART = 0.5, 0.8
 
 

@@ -17,8 +17,8 @@ order of `join`:
 The constants are the best of a few tried on stretches of thirteen sequences, of 7 to 1344 frames,
 between all pairs of nine keyframes at random. In frames with an overlap of less than 0.5 (0.7) with
 the truth, each sequence with the same weight, 1354 stretches: 7.6 % (24 %) of the forward track,
-4.5 % (16 %) of the average by distance alone, 3.2 % (13 %) of this if a track is believed as sure as
-it says, 2.4 % (13 %) of this. Of the better of the two tracks in each frame it would be 1.4 %.
+4.5 % (16 %) of the average by distance alone, 3.2 % (13 %) of this if a track is believed as sure
+as it says, 2.4 % (13 %) of this. Of the better of the two in each frame it would be 1.4 %.
 Straight lines as a third way, where both are unsure, change nothing.
 """
 
