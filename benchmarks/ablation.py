@@ -49,6 +49,7 @@ BEYOND = {
     "recent template": ["verification.recent_rate=0.0", "verification.recent_rate=0.07"],
     "learning above": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
     "sure above": ["verification.sure_above=0.4", "verification.sure_above=0.7"],
+    "learning from every frame": ["verification.learn_every=1", "verification.learn_every=2"],
     "never missed": ["verification.lost_below=0.0", "verification.lost_below=0.5"],
 }
 

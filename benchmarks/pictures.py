@@ -151,9 +151,11 @@ def _over_time(axes: Any, track: Any, clip: synthetic.Clip) -> None:
     axes[0].legend(loc="lower right", fontsize=8)
     axes[0].set_ylim(0, 1.02)
     noise = np.asarray(track.noise)
-    axes[1].plot(noise[:, 0], color="#d55e00", label="e of the tracked box")
+    learned = np.flatnonzero(noise.any(axis=1))
+    noise = noise[learned]
+    axes[1].plot(learned, noise[:, 0], color="#d55e00", label="e of the tracked box")
     corners = np.abs(noise[:, 1:]).mean(1)
-    axes[1].plot(corners, color="#009e73", label="e of the corners (mean size)")
+    axes[1].plot(learned, corners, color="#009e73", label="e of the corners (mean size)")
     axes[1].legend(loc="upper right", fontsize=8)
     axes[1].set_xlabel("frame")
 

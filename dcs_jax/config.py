@@ -123,9 +123,9 @@ class ScaleFilter:
     step: float = static(1.04, check_between, expected="above 1 and below 2", low=1, high=2)
     """Ratio of a scale to the next smaller one, above 1 and below 2; of the largest scale to the
     present one at most 10. Static."""
-    learning_rate: Number = share(0.025)
+    learning_rate: Number = share(0.0125)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    initial_pull: Number = share(0.02)
+    initial_pull: Number = share(0.03)
     """Pull of the estimated scale towards the initial one, in [0, 1]: each frame moves the log
     scale back by pull * (1 - similarity) of its distance. Without verification there is no pull."""
 
@@ -166,10 +166,16 @@ class Verification:
     sure_above: Number = share(0.7)
     """Confidence above which the scale is followed and the online template learns; and, after half
     of `patience`, everything else, or what is in front of the object would be learned."""
+    rest_above: Number = share(0.9)
+    """Confidence above which there is little to learn: of the frames in which the object is
+    recognised so surely, classifiers and filters learn from one in `learn_every`, the templates
+    from all."""
+    learn_every: int | jax.Array = number(2, "at least 1", 1, INT32 + 1, whole=True)
+    """An integer below 2^31; 1: all frames are learned from."""
     lost_below: Number = share(0.5)
     """Confidence up to which the object counts as missed in a frame."""
     recover_above: Number = share(0.9)
-    """Confidence above which a lost object is held again."""
+    """Confidence above which a lost object is held again, and learned from."""
     patience: int | jax.Array = number(5, "at least 1", 1, INT32 + 1, whole=True)
     """Frames in a row in which the object is missed before it is lost, an integer below 2^31."""
 

@@ -5,16 +5,23 @@ paper does not have stands in `extensions`, one `if` for each component here. Th
 so that each is traced once, however many programs it is part of.
 """
 
+import dataclasses
 import functools
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Bool, Float, UInt8
 
 from dcs_jax.checks import check_box, check_frame, check_key, shown
-from dcs_jax.config import Config, single_precision
+from dcs_jax.config import (
+    ColourHistograms,
+    Config,
+    ScaleFilter,
+    TranslationFilter,
+    single_precision,
+)
 from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
 from dcs_jax.core.search import (
@@ -30,7 +37,19 @@ from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, one_frame, window_integral
 from dcs_jax.extensions import colour, redetection, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
-from dcs_jax.types import BoxLike, Candidate, ImageLike, Pool, State, StepInfo, Strong, Weak
+from dcs_jax.types import (
+    BoxLike,
+    Candidate,
+    ImageLike,
+    Pool,
+    State,
+    StepInfo,
+    Strong,
+    VerificationState,
+    Weak,
+)
+
+_Group = TypeVar("_Group", TranslationFilter | None, ColourHistograms | None, ScaleFilter | None)
 
 
 class _View(NamedTuple):
@@ -151,13 +170,15 @@ def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple
     # Lines 1-3: where in the window around its last position is the object most likely?
     look = jax.tree_util.Partial(_look, frame, config)
     localise = jax.tree_util.Partial(_localise, state, frame, config)
+    rests = jax.tree_util.Partial(_rests, state.verification, config)
     known = state.verification
-    best, view = redetection.search(look, localise, state.box, known, frame.shape, config)
+    best, view = redetection.search(look, localise, rests, state.box, known, frame.shape, config)
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
-    descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
-    updated, noise = _update(state, best, view, descriptions, frame.shape, config)
-    if config.verification is not None:
-        updated, best = _gated(state, updated, best, descriptions, config)
+    updated, best, noise = jax.lax.cond(
+        rests(best),
+        lambda: _followed(state, best, config),
+        lambda: _learned(state, best, view, frame.shape, config),
+    )
     return updated, _info(updated, best, noise, config)
 
 
@@ -235,11 +256,11 @@ def _measured(
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Candidate:
-    """The candidate with its scale and confidence.
+    """The candidate with its scale, confidence and description.
 
     window: [G_y + 1, G_x + 1]. displacement: [2], of the candidate from its middle, cells.
     """
-    box, confidence = candidate.box, candidate.confidence
+    box, confidence, description = candidate.box, candidate.confidence, None
     descriptions = _describe(window, displacement, config)
     similarity = jnp.ones_like(confidence)
     if state.verification and config.verification:
@@ -257,7 +278,84 @@ def _measured(
             followed = verification.score(similarity, config.verification)
             steps = jnp.where(followed > config.verification.sure_above, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
-    return candidate._replace(box=box, confidence=confidence)
+    return candidate._replace(box=box, confidence=confidence, description=description)
+
+
+def _rests(
+    known: VerificationState | None, config: Config, candidate: Candidate
+) -> Bool[Array, ""]:
+    """Whether the frame of this candidate is not learned from."""
+    if known is None or config.verification is None:
+        return jnp.array(False)
+    return verification.may_rest(known, candidate.confidence, config.verification)
+
+
+def _followed(
+    state: State, best: Candidate, config: Config
+) -> tuple[State, Candidate, Float[Array, " R"]]:
+    """The state that is where the candidate is, and has learned no more than its templates."""
+    if state.verification and config.verification:
+        assert best.description is not None
+        known, _, _ = verification.update(
+            state.verification, best.description, best.box, jnp.array(True), config.verification
+        )
+        state = state._replace(verification=known)
+    return state._replace(box=best.box), best, jnp.zeros(len(LABELS), jnp.float32)
+
+
+def _catching_up(known: VerificationState | None, config: Config) -> Config:
+    """The settings by which a frame counts for those before it that were not learned from, too."""
+    if known is None:
+        return config
+    frames = 1 + known.num_rested.astype(jnp.float32)
+
+    def caught_up(group: _Group) -> _Group:
+        if group is None:
+            return group
+        rate = 1 - (1 - jnp.asarray(group.learning_rate)) ** frames
+        return dataclasses.replace(group, learning_rate=rate)
+
+    return dataclasses.replace(
+        config,
+        translation=caught_up(config.translation),
+        colour=caught_up(config.colour),
+        scale=caught_up(config.scale),
+    )
+
+
+def _learned(
+    state: State,
+    best: Candidate,
+    view: _View,
+    frame_shape: tuple[int, ...],
+    config: Config,
+) -> tuple[State, Candidate, Float[Array, " R"]]:
+    """The state that has learned the object from the window around its new box, and the noise.
+
+    It has learned nothing where the object is not verified. That is done once more in this window,
+    as the size has changed; the candidate has this confidence. It is followed all the same: an
+    object that turns is no longer recognised, and still there.
+    """
+    descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
+    caught_up = _catching_up(state.verification, config)
+    updated, noise = _update(state, best, view, descriptions, frame_shape, caught_up)
+    if not (state.verification and config.verification):
+        return updated, best, noise
+    with jax.named_scope("gating"):
+        known, confidence, learn = verification.update(
+            state.verification,
+            _own_scale(descriptions),
+            best.box,
+            jnp.array(False),
+            config.verification,
+        )
+
+        def choose(new: Any, old: Any) -> Any:
+            # What is the same in both, the features above all, is not copied.
+            return old if new is old else jnp.where(learn, new, old)
+
+        chosen = jax.tree.map(choose, updated, state._replace(box=best.box))
+    return chosen._replace(verification=known), best._replace(confidence=confidence), noise
 
 
 def _update(
@@ -286,33 +384,6 @@ def _update(
     if state.scale and config.scale:
         updated = updated._replace(scale=scale.update(state.scale, descriptions, config.scale))
     return updated, noise
-
-
-@jax.named_scope("gating")
-def _gated(
-    state: State,
-    updated: State,
-    best: Candidate,
-    descriptions: Float[Array, "S D"],
-    config: Config,
-) -> tuple[State, Candidate]:
-    """The updated state where the object is verified, and else the last; with the confidence.
-
-    It is verified once more in the window around the new box, whose size has changed. The candidate
-    is followed all the same: an object that turns is no longer recognised, and still there.
-    """
-    assert state.verification
-    assert config.verification
-    known, confidence, learn = verification.update(
-        state.verification, _own_scale(descriptions), best.box, config.verification
-    )
-
-    def choose(new: Any, old: Any) -> Any:
-        # What is the same in both, the features above all, is not copied.
-        return old if new is old else jnp.where(learn, new, old)
-
-    chosen = jax.tree.map(choose, updated, state._replace(box=best.box))
-    return chosen._replace(verification=known), best._replace(confidence=confidence)
 
 
 def _learn(

@@ -120,6 +120,7 @@ class VerificationState(NamedTuple):
     recent: [D] float32, a quicker mean, of all frames that were learned from.
     box: [4] float32, x, y, w, h in pixels, where it was verified last.
     num_missed: [] int32, frames in a row in which the object was not verified.
+    num_rested: [] int32, frames since the last one that there was something to learn from.
     """
 
     initial: Float[Array, " D"]
@@ -127,6 +128,7 @@ class VerificationState(NamedTuple):
     recent: Float[Array, " D"]
     box: Float[Array, "4"]
     num_missed: Int32[Array, ""]
+    num_rested: Int32[Array, ""]
 
 
 class State(NamedTuple):
@@ -152,13 +154,14 @@ class Candidate(NamedTuple):
     """Where in a frame the object may be.
 
     box: [4] float32, x, y, w, h in pixels. noisy_or: [], confidence: [] and part_scores: [K] as in
-    `StepInfo`.
+    `StepInfo`. description: [D] float32, of its patch, a unit vector; None without verification.
     """
 
     box: Float[Array, "4"]
     noisy_or: Float[Array, ""]
     confidence: Float[Array, ""]
     part_scores: Float[Array, " K"]
+    description: Float[Array, " D"] | None = None
 
 
 class StepInfo(NamedTuple):
@@ -174,7 +177,8 @@ class StepInfo(NamedTuple):
         confidence above `recover_above` ends it. False without verification.
     noise: [R] float32, the selection's e for the frame's training samples, the mean over selectors
         (eq. 14): how much the model corrects the label of the tracked box, sample 0, and of the
-        four corners of the window. 0 for a selector other than "l1".
+        four corners of the window. 0 for a selector other than "l1", and in a frame that is not
+        learned from as the object is recognised surely (`Verification.rest_above`).
     """
 
     box: Float[Array, "4"]

@@ -99,12 +99,13 @@ def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
     if state.scale and config.scale:
         tracker.scale = reference_filter(state.scale, (config.scale.num_scales,))
     if state.verification:
-        initial, online, recent, box, num_missed = state.verification
+        initial, online, recent, box, num_missed, num_rested = state.verification
         tracker.verification = VerificationState(
             np.asarray(initial, float),
             np.asarray(online, float),
             np.asarray(recent, float),
             np.asarray(box, float),
             int(num_missed),
+            int(num_rested),
         )
     return tracker

@@ -206,7 +206,7 @@ def test_every_number_of_the_settings_counts_as_in_the_reference():
         translation=TranslationFilter(weight=6.0, learning_rate=0.2, first_frame=0.1),
         colour=ColourHistograms(weight=8.0, learning_rate=0.3),
         scale=ScaleFilter(learning_rate=0.2, initial_pull=0.9),
-        # Once lost, the object is never held again, but learned from, and outdone elsewhere.
+        # Once lost, the object is never held again, and outdone elsewhere.
         verification=Verification(
             middle=0.5,
             slope=4.0,
@@ -215,6 +215,8 @@ def test_every_number_of_the_settings_counts_as_in_the_reference():
             template_penalty=0.02,
             learn_above=0.25,
             sure_above=0.6,
+            rest_above=0.3,
+            learn_every=3,
             lost_below=0.5,
             recover_above=0.95,
             patience=2,
@@ -222,7 +224,7 @@ def test_every_number_of_the_settings_counts_as_in_the_reference():
         redetection=Redetection(accept_above=0.2),
     )
     # One in which no vote on a threshold parts the two.
-    assert_same_steps(with_an_absence(8), config)
+    assert_same_steps(with_an_absence(12), config)
 
 
 def test_init_is_that_of_the_reference(rendered):

@@ -21,6 +21,7 @@ CONFIG = Config()
 BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
 REACHED = canvas_box(BOX, CONFIG)[2:] * (CONFIG.window_factor - 1)
 LOOK = jax.tree_util.Partial(lambda box: box)
+RESTS = jax.tree_util.Partial(lambda candidate: jnp.array(False))
 
 
 def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
@@ -30,7 +31,7 @@ def candidate(box: jax.Array, confidence: jax.Array) -> Candidate:
 def missed(frames: int, verified: jax.Array = BOX) -> VerificationState:
     """That of an object that was verified there so many frames ago."""
     nothing = jnp.zeros(20)
-    return VerificationState(nothing, nothing, nothing, verified, jnp.int32(frames))
+    return VerificationState(nothing, nothing, nothing, verified, jnp.int32(frames), jnp.int32(0))
 
 
 def test_the_search_windows_cover_the_frame():
@@ -80,11 +81,23 @@ def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, her
         return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
     localise = jax.tree_util.Partial(best, jnp.array([here, there]))
-    found, seen = redetection.search(LOOK, localise, BOX, missed(num_missed), SHAPE, CONFIG)
+    found, seen = redetection.search(LOOK, localise, RESTS, BOX, missed(num_missed), SHAPE, CONFIG)
     # What is seen is that around the candidate, to learn from.
     np.testing.assert_array_equal(seen, found.box)
     assert bool((found.box != BOX).any()) == taken
     assert found.confidence == pytest.approx(there if taken else here)
+
+
+@pytest.mark.parametrize("num_missed", [0, 3])
+def test_what_is_not_learned_from_is_not_looked_at(num_missed):
+    def best(box: jax.Array, _: jax.Array) -> Candidate:
+        return candidate(box + 1, jnp.where((box == BOX).all(), 0.95, 0.1))
+
+    sure = jax.tree_util.Partial(lambda candidate: candidate.confidence > 0.9)
+    localise = jax.tree_util.Partial(best)
+    found, seen = redetection.search(LOOK, localise, sure, BOX, missed(num_missed), SHAPE, CONFIG)
+    np.testing.assert_array_equal(found.box, BOX + 1)
+    assert (seen != found.box).any()
 
 
 def test_the_windows_of_a_frame_follow_those_of_the_last():
@@ -95,10 +108,10 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, REACHED)
     localise = jax.tree_util.Partial(here_only, target)
     found = [
-        redetection.search(LOOK, localise, BOX, missed(frames), SHAPE, config)[0].confidence > 0.9
+        redetection.search(LOOK, localise, RESTS, BOX, missed(frames), SHAPE, config)[0]
         for frames in range(1, 6)
     ]
-    assert found == [False, False, True, False, False]
+    assert [there.confidence > 0.9 for there in found] == [False, False, True, False, False]
 
 
 @pytest.mark.parametrize("settings", [Redetection(), None])
@@ -120,6 +133,6 @@ def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, ther
     localise = jax.tree_util.Partial(best, list(jnp.array([here, there])))
     config = Config(redetection=settings)
     known = missed(num_missed, verified)
-    found, seen = redetection.search(LOOK, localise, BOX, known, SHAPE, config)
+    found, seen = redetection.search(LOOK, localise, RESTS, BOX, known, SHAPE, config)
     np.testing.assert_array_equal(found.box, verified if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)

@@ -4,7 +4,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int32
+from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core.window import canvas_box
@@ -14,6 +14,7 @@ from dcs_jax.types import Candidate, VerificationState
 def search(
     look: jax.tree_util.Partial,
     localise: jax.tree_util.Partial,
+    rests: jax.tree_util.Partial,
     box: Float[Array, "4"],
     known: VerificationState | None,
     frame_shape: tuple[int, ...],
@@ -23,13 +24,14 @@ def search(
 
     In each frame a few of the search windows that cover the frame are searched, in turn, and that
     around the box that was verified last: the present one may have followed something else, or what
-    is in front of the object. A loop, whose last turn looks at the candidate: what it takes to look
-    and to localise is compiled once.
+    is in front of the object. A loop, whose last turn looks at the candidate, if that is to be
+    learned from: what it takes to look and to localise is compiled once.
 
     known: the state of the verification, None without.
     look: from a box to what is seen of the frame around it. localise: from a box and what is seen
-        there to the candidate. Pytrees of what they need.
-    Returns the candidate and what is seen around it.
+        there to the candidate. rests: from the candidate to whether it is not learned from.
+        Pytrees of what they need.
+    Returns the candidate and what is seen around it, or, if it is not learned from, elsewhere.
     """
     settings = config.redetection
     windows = 0 if settings is None else settings.windows
@@ -42,6 +44,7 @@ def search(
     def search_all(
         look: jax.tree_util.Partial,
         localise: jax.tree_util.Partial,
+        rests: jax.tree_util.Partial,
         box: Float[Array, "4"],
         verified: Float[Array, "4"],
         reached: Float[Array, "2"],
@@ -51,8 +54,14 @@ def search(
     ) -> tuple[Candidate, Any]:
         turns = jnp.where(num_missed > 0, 2 + windows, 1)
 
-        def turn(number: Int32[Array, ""], found: tuple[Candidate, Any]) -> tuple[Candidate, Any]:
-            best, _ = found
+        def goes_on(done: tuple[Int32[Array, ""], Candidate, Any]) -> Bool[Array, ""]:
+            number, best, _ = done
+            return (number < turns) | ((number == turns) & ~rests(best))
+
+        def turn(
+            done: tuple[Int32[Array, ""], Candidate, Any],
+        ) -> tuple[Int32[Array, ""], Candidate, Any]:
+            number, best, _ = done
             tile = windows * num_missed + number - 2
             places = jnp.stack(
                 [box, verified, search_window(verified, tile, frame_shape, reached), best.box]
@@ -67,16 +76,16 @@ def search(
                 better |= number == 0
                 return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
 
-            return jax.lax.cond(number == turns, lambda: best, search_there), seen
+            return number + 1, jax.lax.cond(number == turns, lambda: best, search_there), seen
 
         seen = jax.eval_shape(look, box)
         shapes = jax.eval_shape(localise, box, seen), seen
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-        return jax.lax.fori_loop(0, turns + 1, turn, nothing)
+        return jax.lax.while_loop(goes_on, turn, (jnp.int32(0), *nothing))[1:]
 
     reached = canvas_box(verified, config)[2:] * (config.window_factor - 1)
     limits = jnp.float32(accept_above), jnp.float32(sure_above)
-    given = look, localise, box, verified, reached, num_missed, *limits
+    given = look, localise, rests, box, verified, reached, num_missed, *limits
     return search_all(*jax.tree.map(jnp.asarray, given))
 
 

@@ -17,7 +17,8 @@ _ROUNDING = 1e-6
 
 def init(description: Float[Array, " D"], box: Float[Array, "4"]) -> VerificationState:
     """The state after the first frame, from the initial box and its description."""
-    return VerificationState(description, description, description, box, jnp.zeros((), jnp.int32))
+    none = jnp.zeros((), jnp.int32)
+    return VerificationState(description, description, description, box, none, none)
 
 
 @jax.named_scope("verification")
@@ -64,8 +65,7 @@ def is_missed(
 
     followed: confidence by `recent_similarity`.
     """
-    least = jnp.where(_in_doubt(state, settings), settings.sure_above, settings.lost_below)
-    return followed <= jnp.where(is_lost(state, settings), settings.recover_above, least)
+    return followed <= _needed(state, settings.lost_below, settings)
 
 
 def may_learn(
@@ -74,28 +74,41 @@ def may_learn(
     """Whether a frame is learned from: [] bool.
 
     A change is followed as far as it is gradual: one that was missed for some frames is behind
-    something, or gone.
+    something, or gone. What is followed of a lost one would be learned until it is recognised.
     """
-    return followed > jnp.where(
-        _in_doubt(state, settings), settings.sure_above, settings.learn_above
-    )
+    return followed > _needed(state, settings.learn_above, settings)
+
+
+def may_rest(
+    state: VerificationState, confidence: Float[Array, ""], settings: Verification
+) -> Bool[Array, ""]:
+    """Whether classifiers and filters do without a frame: [] bool.
+
+    Neighbouring frames in which the object is recognised surely teach the same.
+
+    confidence: of the candidate.
+    """
+    return (confidence > settings.rest_above) & (state.num_rested + 1 < settings.learn_every)
 
 
 def update(
     state: VerificationState,
     description: Float[Array, " D"],
     box: Float[Array, "4"],
+    rests: Bool[Array, ""],
     settings: Verification,
 ) -> tuple[VerificationState, Float[Array, ""], Bool[Array, ""]]:
-    """The state after a frame whose box looks so, its confidence, and whether it is learned from.
+    """The state after a frame whose box looks so, its confidence, and whether it may be learned.
+
+    rests: whether classifiers and filters do without it.
 
     The confidence is by the templates of frames in which the object was surely recognised; what is
     done about the object, by the recent one too.
     """
     confidence = score(similarity(state, description, settings), settings)
     followed = score(recent_similarity(state, description, settings), settings)
-    learn = may_learn(state, followed, settings)
     missed = is_missed(state, followed, settings)
+    learn = may_learn(state, followed, settings)
 
     def learned(
         template: Float[Array, " D"], condition: Bool[Array, ""], rate: Scalar
@@ -104,10 +117,11 @@ def update(
 
     after = VerificationState(
         state.initial,
-        learned(state.online, confidence > settings.sure_above, settings.template_rate),
+        learned(state.online, ~missed & (confidence > settings.sure_above), settings.template_rate),
         learned(state.recent, learn, settings.recent_rate),
         jnp.where(missed, state.box, box),
         jnp.where(missed, state.num_missed + 1, 0),
+        jnp.where(rests, state.num_rested + 1, 0),
     )
     return after, confidence, learn
 
@@ -117,5 +131,7 @@ def is_lost(state: VerificationState, settings: Verification) -> Bool[Array, ""]
     return state.num_missed >= settings.patience
 
 
-def _in_doubt(state: VerificationState, settings: Verification) -> Bool[Array, ""]:
-    return 2 * state.num_missed > settings.patience
+def _needed(state: VerificationState, held: Scalar, settings: Verification) -> Float[Array, ""]:
+    """The confidence that an object needs: `held`, but for one that was missed for some frames."""
+    in_doubt = jnp.where(2 * state.num_missed > settings.patience, settings.sure_above, held)
+    return jnp.where(is_lost(state, settings), settings.recover_above, in_doubt)

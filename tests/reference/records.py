@@ -52,12 +52,13 @@ class Maps(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """Where in a frame the object may be: box [4], and the rest as in `StepInfo`."""
+    """Where in a frame the object may be: box [4], description [D], the rest as in `StepInfo`."""
 
     box: Floats
     confidence: float
     noisy_or: float
     part_scores: Floats
+    description: Floats
 
 
 class StepInfo(NamedTuple):
@@ -65,7 +66,7 @@ class StepInfo(NamedTuple):
 
     box: [4], x, y, w, h, pixels. confidence: in [0, 1], NaN without verification. noisy_or,
     part_scores: [] and [K], in [0, 1] to rounding. lost: False without verification. noise: [5], of
-    the selection, 0 if it is not "l1".
+    the selection, 0 if it is not "l1" or the frame is not learned from.
     """
 
     box: Floats
@@ -130,7 +131,7 @@ class ScaleFilter:
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
-    """middle, slope: of the logistic function. The other numbers are shares, patience frames."""
+    """middle, slope: of the logistic function. The others are shares, the last two frames."""
 
     middle: float
     slope: float
@@ -140,7 +141,9 @@ class Verification:
     learn_above: float
     sure_above: float
     lost_below: float
+    rest_above: float
     recover_above: float
+    learn_every: int
     patience: int
 
 

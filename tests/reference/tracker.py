@@ -109,15 +109,18 @@ class Tracker:
         """Algorithm 1: find the object in the next frame and learn from it."""
         # Lines 1-3: where in the window around its last position is the object most likely?
         best = self.search_elsewhere(frame, self.localise(frame, self.box))
-        # Line 4 and Algorithm 2: what there is to learn at the new position.
-        updated = replace(self, box=best.box)
-        cells = self.window(frame, best.box)
-        noise = updated.update(cells, frame)
-        confidence = math.nan
-        if self.settings.verification:
-            confidence = self.verify(cells, updated)
+        confidence, noise = best.confidence, np.zeros(5)
+        if self.rests(best):
+            self.keep_up(best)
         else:
-            self.become(updated)
+            # Line 4 and Algorithm 2: what there is to learn at the new position.
+            updated = replace(self, box=best.box)
+            cells = self.window(frame, best.box)
+            noise = updated.update(cells, frame)
+            if self.settings.verification:
+                confidence = self.verify(cells, updated)
+            else:
+                self.become(updated)
         return StepInfo(
             self.output(best.box),
             confidence,
@@ -141,8 +144,9 @@ class Tracker:
         box = move(box, displacement, frame.shape, settings)
         descriptions = self.describe(cells, displacement)
         confidence, pull, keep_size = math.nan, 0.0, False
+        description = own_scale(descriptions)
         if self.verification and settings.verification:
-            known, description = self.verification, own_scale(descriptions)
+            known = self.verification
             similarity = verification.similarity(known, description, settings.verification)
             confidence = verification.score(similarity, settings.verification)
             similarity = verification.recent_similarity(known, description, settings.verification)
@@ -154,7 +158,7 @@ class Tracker:
         if self.scale and settings.scale and not keep_size:
             steps = scale.estimate(self.scale, descriptions) - pull
             box = scale.resize(box, steps, frame.shape, settings.scale)
-        return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column])
+        return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column], description)
 
     def search(self, frame: np.ndarray, cells: Floats, box: Floats) -> tuple[Maps, Integers]:
         """What there is at every position in the search window within [Gy, Gx] around a box.
@@ -235,7 +239,7 @@ class Tracker:
         cells: [Gy, Gx], of that window.
         Returns the label noise of the box and of the four corners, [5].
         """
-        settings = self.settings
+        settings = self.catching_up()
         responses = self.training_samples(cells, frame.shape)
         self.update_weak(responses)
         noise = self.select(responses)
@@ -250,6 +254,35 @@ class Tracker:
             self.scale = scale.update(self.scale, self.describe(cells, HERE), settings.scale)
         return noise
 
+    def catching_up(self) -> Settings:
+        """Settings by which a frame counts for those before it, too, that were not learned from."""
+        settings = self.settings
+        frames = 1 + (self.verification.num_rested if self.verification else 0)
+        groups = {}
+        for name in ("translation", "colour", "scale"):
+            group = getattr(settings, name)
+            if group:
+                rate = 1 - (1 - group.learning_rate) ** frames
+                groups[name] = replace(group, learning_rate=rate)
+        return replace(settings, **groups)
+
+    def rests(self, best: Candidate) -> bool:
+        """Whether classifiers and filters do not learn from the frame of this candidate."""
+        state, settings = self.verification, self.settings.verification
+        if state is None or settings is None:
+            return False
+        return verification.may_rest(state, best.confidence, settings)
+
+    def keep_up(self, best: Candidate) -> None:
+        """Be where the candidate is, and learn the templates alone."""
+        state, settings = self.verification, self.settings.verification
+        assert state
+        assert settings
+        self.box = best.box
+        self.verification, _, _ = verification.update(
+            state, best.description, best.box, True, settings
+        )
+
     def verify(self, cells: Floats, updated: Self) -> float:
         """Become the updated track only if the object is verified well enough to be learned.
 
@@ -261,7 +294,9 @@ class Tracker:
         assert state
         assert settings
         description = own_scale(self.describe(cells, HERE))
-        state, confidence, learn = verification.update(state, description, updated.box, settings)
+        state, confidence, learn = verification.update(
+            state, description, updated.box, False, settings
+        )
         if learn:
             self.become(updated)
         self.box = updated.box

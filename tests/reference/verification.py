@@ -13,7 +13,8 @@ class VerificationState(NamedTuple):
     """Templates of the object, unit vectors or a mean of them, and where and when it was seen.
 
     initial, online, recent: [D]. box: [4], of the last frame in which it was verified.
-    num_missed: frames in a row in which the object was not verified.
+    num_missed: frames in a row in which the object was not verified. num_rested: frames since the
+    last one of which classifiers and filters have learned, or would have.
     """
 
     initial: Floats
@@ -21,11 +22,12 @@ class VerificationState(NamedTuple):
     recent: Floats
     box: Floats
     num_missed: int
+    num_rested: int
 
 
 def init(description: Floats, box: Floats) -> VerificationState:
     """The state after the first frame; description: [D], of the initial box [4]."""
-    return VerificationState(description, description, description, box, 0)
+    return VerificationState(description, description, description, box, 0, 0)
 
 
 def similarity(state: VerificationState, description: Floats, settings: Verification) -> float:
@@ -58,16 +60,33 @@ def is_missed(state: VerificationState, followed: float, settings: Verification)
 
 
 def may_learn(state: VerificationState, followed: float, settings: Verification) -> bool:
-    """Whether a frame is learned from: in doubt only where the object is surely recognised."""
-    return followed > (settings.sure_above if in_doubt(state, settings) else settings.learn_above)
+    """Whether a frame is learned from.
+
+    In doubt only where the object is surely recognised, and lost only where it is held again.
+    """
+    least = settings.sure_above if in_doubt(state, settings) else settings.learn_above
+    return followed > (settings.recover_above if is_lost(state, settings) else least)
+
+
+def may_rest(state: VerificationState, confidence: float, settings: Verification) -> bool:
+    """Whether classifiers and filters do without a frame in which the object is recognised surely.
+
+    They learn from one of `learn_every` of such frames in a row.
+    """
+    return confidence > settings.rest_above and state.num_rested + 1 < settings.learn_every
 
 
 def update(
-    state: VerificationState, description: Floats, box: Floats, settings: Verification
+    state: VerificationState,
+    description: Floats,
+    box: Floats,
+    rests: bool,
+    settings: Verification,
 ) -> tuple[VerificationState, float, bool]:
     """The state after a frame, the confidence, and whether the rest learns from the frame.
 
-    description: [D], of the candidate, which has this box [4].
+    description: [D], of the candidate, which has this box [4]. rests: whether the rest does not
+    learn from the frame anyway.
 
     The online template is a running mean of what was surely recognised by it and the initial one,
     the recent one of all that was learned from.
@@ -76,19 +95,20 @@ def update(
     followed = score(recent_similarity(state, description, settings), settings)
     learn = may_learn(state, followed, settings)
     online, recent = state.online, state.recent
-    if confidence > settings.sure_above:
+    missed = is_missed(state, followed, settings)
+    if confidence > settings.sure_above and not missed:
         rate = settings.template_rate
         online = (1 - rate) * online + rate * description
     if learn:
         rate = settings.recent_rate
         recent = (1 - rate) * recent + rate * description
-    missed = is_missed(state, followed, settings)
     after = VerificationState(
         state.initial,
         online,
         recent,
         state.box if missed else box,
         state.num_missed + 1 if missed else 0,
+        state.num_rested + 1 if rests else 0,
     )
     return after, confidence, learn
 
