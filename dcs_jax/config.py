@@ -174,7 +174,7 @@ class Verification:
     """An integer below 2^31; 1: all frames are learned from."""
     lost_below: Number = share(0.5)
     """Confidence up to which the object counts as missed in a frame."""
-    recover_above: Number = share(0.9)
+    recover_above: Number = share(0.85)
     """Confidence above which a lost object is held again, and learned from."""
     patience: int | jax.Array = number(5, "at least 1", 1, INT32 + 1, whole=True)
     """Frames in a row in which the object is missed before it is lost, an integer below 2^31."""

@@ -50,7 +50,13 @@ def test_a_frame_counts_as_in_the_reference(seed, num_missed, num_rested, rests)
     )
     followed = expected.score(expected.recent_similarity(same, now, settings), settings)
     certain = expected.score(expected.similarity(same, now, settings), settings)
-    limits = (SETTINGS.learn_above, SETTINGS.sure_above, SETTINGS.lost_below, 0.9)
+    limits = (
+        SETTINGS.learn_above,
+        SETTINGS.sure_above,
+        SETTINGS.lost_below,
+        SETTINGS.rest_above,
+        SETTINGS.recover_above,
+    )
     assume(all(abs(value - limit) > 1e-4 for value in (followed, certain) for limit in limits))
     found, confidence, learn = verification.update(
         state, jnp.asarray(now), jnp.asarray(HERE), jnp.array(rests), SETTINGS
