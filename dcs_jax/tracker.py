@@ -7,7 +7,7 @@ so that each is traced once, however many programs it is part of.
 
 import dataclasses
 import functools
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, UInt8
 
 from dcs_jax.checks import check_box, check_frame, check_key, shown
-from dcs_jax.config import (
-    ColourHistograms,
-    Config,
-    ScaleFilter,
-    TranslationFilter,
-    single_precision,
-)
+from dcs_jax.config import COMPONENTS, Config, single_precision
 from dcs_jax.core.haar import CORNERS, draw_pool, responses
 from dcs_jax.core.samples import LABELS, training_patches
 from dcs_jax.core.search import (
@@ -48,8 +42,6 @@ from dcs_jax.types import (
     VerificationState,
     Weak,
 )
-
-_Group = TypeVar("_Group", TranslationFilter | None, ColourHistograms | None, ScaleFilter | None)
 
 
 class _View(NamedTuple):
@@ -308,19 +300,16 @@ def _catching_up(known: VerificationState | None, config: Config) -> Config:
     if known is None:
         return config
     frames = 1 + known.num_rested.astype(jnp.float32)
-
-    def caught_up(group: _Group) -> _Group:
-        if group is None:
-            return group
-        rate = 1 - (1 - jnp.asarray(group.learning_rate)) ** frames
-        return dataclasses.replace(group, learning_rate=rate)
-
-    return dataclasses.replace(
-        config,
-        translation=caught_up(config.translation),
-        colour=caught_up(config.colour),
-        scale=caught_up(config.scale),
-    )
+    groups = {name: getattr(config, name) for name in COMPONENTS}
+    rates = {
+        name: 1 - (1 - jnp.asarray(group.learning_rate)) ** frames
+        for name, group in groups.items()
+        if hasattr(group, "learning_rate")
+    }
+    caught_up: dict[str, Any] = {
+        name: dataclasses.replace(groups[name], learning_rate=rate) for name, rate in rates.items()
+    }
+    return dataclasses.replace(config, **caught_up)
 
 
 def _learned(
