@@ -138,7 +138,7 @@ class Drawing:
 
     def number(self, field: Any) -> float:
         """A legal number of a field of the settings."""
-        if field.name == "patience":
+        if field.name in ("patience", "learn_every"):
             return self.random.choice((1, 2, 5, 2**31 - 1))
         if field.name == "block":
             return self.random.choice((1e-6, 0.2, 1.0))

@@ -72,8 +72,8 @@ def test_nothing_is_learned_while_lost():
     for _ in range(int(patience) + 3):
         state, info = follow_on(state, blank, config)
     assert info.lost
-    kept = state._replace(
-        verification=state.verification._replace(num_missed=before.verification.num_missed)
-    )
+    counts = ("num_missed", "num_rested")
+    same = {name: getattr(before.verification, name) for name in counts}
+    kept = state._replace(verification=state.verification._replace(**same))
     for now, then in zip(jax.tree.leaves(kept), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(now, then)

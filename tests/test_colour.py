@@ -171,7 +171,7 @@ def test_the_sums_of_a_frame_have_its_colours(clip):
 
 def test_colours_are_learned_only_where_the_object_is_verified(clip):
     for learn_above, learned in ((0.4, True), (1.0, False)):
-        gates = Verification(learn_above=learn_above)
+        gates = Verification(learn_above=learn_above, learn_every=1)
         config = dataclasses.replace(SMALL_DEFAULT, verification=gates)
         before = dcs_jax.init(clip.frames[0], clip.boxes[0], jax.random.key(0), config)
         after, _ = dcs_jax.step(before, clip.frames[1], config)
@@ -198,9 +198,9 @@ def disc_of_changing_texture() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("component", "held"), [(ColourHistograms(), True), (None, False)])
 def test_an_object_of_changing_texture_is_followed_by_its_colour(component, held):
     frames, truth = disc_of_changing_texture()
-    # No template knows it again.
+    # No template knows it again, and no scale filter its size.
     config = dataclasses.replace(
-        SMALL_DEFAULT, colour=component, verification=None, redetection=None
+        SMALL_DEFAULT, colour=component, scale=None, verification=None, redetection=None
     )
     track = dcs_jax.track_sequence(frames, truth[0], config=config)
     assert (overlap(np.asarray(track.boxes), truth)[-10:].min() > 0.5) == held
