@@ -164,8 +164,9 @@ class Verification:
     learn_above: Number = share(0.4)
     """Confidence above which the classifiers, the filters and the recent template learn."""
     sure_above: Number = share(0.7)
-    """Confidence above which the scale is followed and the online template learns; and, after half
-    of `patience`, everything else, or what is in front of the object would be learned."""
+    """Confidence above which the scale is followed and the online template learns, if the object
+    is not missed; and, after half of `patience`, everything else, or what is in front of the object
+    would be learned."""
     rest_above: Number = share(0.9)
     """Confidence above which there is little to learn: of the frames in which the object is
     recognised so surely, classifiers and filters learn from one in `learn_every`, the templates

@@ -162,8 +162,8 @@ def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple
     # Lines 1-3: where in the window around its last position is the object most likely?
     look = jax.tree_util.Partial(_look, frame, config)
     localise = jax.tree_util.Partial(_localise, state, frame, config)
-    rests = jax.tree_util.Partial(_rests, state.verification, config)
     known = state.verification
+    rests = jax.tree_util.Partial(_rests, known, config)
     best, view = redetection.search(look, localise, rests, state.box, known, frame.shape, config)
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
     updated, best, noise = jax.lax.cond(
@@ -300,16 +300,13 @@ def _catching_up(known: VerificationState | None, config: Config) -> Config:
     if known is None:
         return config
     frames = 1 + known.num_rested.astype(jnp.float32)
-    groups = {name: getattr(config, name) for name in COMPONENTS}
-    rates = {
-        name: 1 - (1 - jnp.asarray(group.learning_rate)) ** frames
-        for name, group in groups.items()
-        if hasattr(group, "learning_rate")
-    }
-    caught_up: dict[str, Any] = {
-        name: dataclasses.replace(groups[name], learning_rate=rate) for name, rate in rates.items()
-    }
-    return dataclasses.replace(config, **caught_up)
+    groups: dict[str, Any] = {}
+    for name in COMPONENTS:
+        group = getattr(config, name)
+        if hasattr(group, "learning_rate"):
+            rate = 1 - (1 - jnp.asarray(group.learning_rate)) ** frames
+            groups[name] = dataclasses.replace(group, learning_rate=rate)
+    return dataclasses.replace(config, **groups)
 
 
 def _learned(
