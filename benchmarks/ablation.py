@@ -45,7 +45,7 @@ BEYOND = {
     "translation filter": ["translation.weight=0.0", "translation.weight=15.0"],
     "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.3"],
     "colour": ["colour.weight=0.0", "colour.weight=20.0"],
-    "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.03"],
+    "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.02"],
     "recent template": ["verification.recent_rate=0.0", "verification.recent_rate=0.07"],
     "learning above": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
     "sure above": ["verification.sure_above=0.4", "verification.sure_above=0.7"],

@@ -125,7 +125,7 @@ class ScaleFilter:
     present one at most 10. Static."""
     learning_rate: Number = share(0.0125)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    initial_pull: Number = share(0.03)
+    initial_pull: Number = share(0.02)
     """Pull of the estimated scale towards the initial one, in [0, 1]: each frame moves the log
     scale back by pull * (1 - similarity) of its distance. Without verification there is no pull."""
 

@@ -209,8 +209,12 @@ def _localise(
     config: Config,
     box: Float[Array, "4"],
     view: _View,
+    by_first: Bool[Array, ""],
 ) -> Candidate:
-    """The most likely position of the object in the window around a box (lines 1-3)."""
+    """The most likely position of the object in the window around a box (lines 1-3).
+
+    by_first: whether the translation filter is that of the first frame alone.
+    """
     middle = jnp.zeros(2, jnp.int32)
     response = by_colour = None
     if state.colour and config.colour and view.colours is not None:
@@ -218,7 +222,10 @@ def _localise(
         by_colour = functools.partial(colour.score, of_object, box, config)
     if state.translation and config.translation:
         assert view.features is not None
-        response = translation.respond(state.translation, view.features, config.translation)
+        mixed = config.translation
+        share = jnp.where(by_first, 1.0, mixed.first_frame)
+        mixed = dataclasses.replace(mixed, first_frame=share)
+        response = translation.respond(state.translation, view.features, mixed)
         middle = translation.search_middle(response, box, frame.shape, config, by_colour)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
@@ -259,16 +266,12 @@ def _measured(
         description = _own_scale(descriptions)
         similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
-        similarity = verification.recent_similarity(
-            state.verification, description, config.verification
-        )
     if state.scale and config.scale:
         steps = scale.estimate(state.scale, descriptions)
         if config.verification is not None:
             steps -= scale.pull(box, state.initial_size, similarity, config.scale)
-            # Where the object is not verified, behind something perhaps, it keeps its size.
-            followed = verification.score(similarity, config.verification)
-            steps = jnp.where(followed > config.verification.sure_above, steps, 0)
+            # Where the object is not recognised, behind something perhaps, it keeps its size.
+            steps = jnp.where(confidence > config.verification.sure_above, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
     return candidate._replace(box=box, confidence=confidence, description=description)
 

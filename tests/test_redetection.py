@@ -77,7 +77,7 @@ def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_misse
     ],
 )
 def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, here, there, taken):
-    def best(confidences: jax.Array, box: jax.Array, seen: jax.Array) -> Candidate:
+    def best(confidences: jax.Array, box: jax.Array, seen: jax.Array, _: jax.Array) -> Candidate:
         return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
     localise = jax.tree_util.Partial(best, jnp.array([here, there]))
@@ -90,7 +90,7 @@ def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, her
 
 @pytest.mark.parametrize("num_missed", [0, 3])
 def test_what_is_not_learned_from_is_not_looked_at(num_missed):
-    def best(box: jax.Array, _: jax.Array) -> Candidate:
+    def best(box: jax.Array, *_: jax.Array) -> Candidate:
         return candidate(box + 1, jnp.where((box == BOX).all(), 0.95, 0.1))
 
     sure = jax.tree_util.Partial(lambda candidate: candidate.confidence > 0.9)
@@ -101,7 +101,7 @@ def test_what_is_not_learned_from_is_not_looked_at(num_missed):
 
 
 def test_the_windows_of_a_frame_follow_those_of_the_last():
-    def here_only(target: jax.Array, box: jax.Array, _: jax.Array) -> Candidate:
+    def here_only(target: jax.Array, box: jax.Array, *_: jax.Array) -> Candidate:
         return candidate(box, jnp.where(jnp.abs(box - target).max() < 1, 0.95, 0.1))
 
     config = Config(redetection=Redetection(windows=2))
@@ -126,7 +126,7 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     ],
 )
 def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, there, taken, settings):
-    def best(confidences: jax.Array, box: jax.Array, _: jax.Array) -> Candidate:
+    def best(confidences: jax.Array, box: jax.Array, *_: jax.Array) -> Candidate:
         return candidate(box, jnp.select([box[0] == BOX[0], box[0] == verified[0]], confidences, 0))
 
     verified = BOX + jnp.array([91.0, -41.0, 3.0, 2.0])
@@ -136,3 +136,34 @@ def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, ther
     found, seen = redetection.search(LOOK, localise, RESTS, BOX, known, SHAPE, config)
     np.testing.assert_array_equal(found.box, verified if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)
+
+
+@pytest.mark.parametrize(
+    ("num_missed", "here", "by_first", "taken"),
+    [
+        (0, 0.4, 0.71, True),
+        (0, 0.4, 0.69, False),  # not sure
+        (0, 0.51, 0.99, False),  # recognised: not looked for again
+        (2, 0.51, 0.99, True),  # missed before
+    ],
+)
+def test_what_is_not_recognised_is_looked_for_by_the_first_frame(num_missed, here, by_first, taken):
+    def best(confidences: jax.Array, box: jax.Array, _: jax.Array, first: jax.Array) -> Candidate:
+        moved = box + jnp.where(first, 5, 0)
+        return candidate(moved, jnp.where((box == BOX).all(), confidences[first.astype(int)], 0))
+
+    localise = jax.tree_util.Partial(best, jnp.array([here, by_first]))
+    elsewhere = missed(num_missed, BOX + 50)
+    found, seen = redetection.search(LOOK, localise, RESTS, BOX, elsewhere, SHAPE, CONFIG)
+    np.testing.assert_array_equal(found.box, BOX + 5 if taken else BOX)
+    np.testing.assert_array_equal(seen, found.box)
+
+
+def test_without_a_filter_there_is_no_other_look_by_the_first_frame():
+    def best(box: jax.Array, _: jax.Array, first: jax.Array) -> Candidate:
+        return candidate(box, jnp.where(first, 0.99, 0.1))
+
+    config = Config(translation=None)
+    localise = jax.tree_util.Partial(best)
+    found, _ = redetection.search(LOOK, localise, RESTS, BOX, missed(0), SHAPE, config)
+    assert found.confidence == pytest.approx(0.1)

@@ -1,4 +1,4 @@
-"""Where else an object that was missed is looked for: where it was last, and all over the frame."""
+"""How else, and where else, an object that is not recognised is looked for."""
 
 from typing import Any
 
@@ -10,6 +10,9 @@ from dcs_jax.config import Config
 from dcs_jax.core.window import canvas_box
 from dcs_jax.types import Candidate, VerificationState
 
+# Turn of the search, that after its last one, the best candidate and what is seen in this turn.
+_Done = tuple[Int32[Array, ""], Int32[Array, ""], Candidate, Any]
+
 
 def search(
     look: jax.tree_util.Partial,
@@ -20,24 +23,31 @@ def search(
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> tuple[Candidate, Any]:
-    """The candidate around the box, or a better one elsewhere if the object was missed before.
+    """The candidate around the box, or a better one if the object is not recognised there.
 
-    In each frame a few of the search windows that cover the frame are searched, in turn, and that
+    Then this window is searched once more, by what the translation filter learned of the first
+    frame alone: what it learned since may be beside the object. If the object was missed before,
+    so are, in each frame, a few of the search windows that cover the frame, in turn, and that
     around the box that was verified last: the present one may have followed something else, or what
     is in front of the object. A loop, whose last turn looks at the candidate, if that is to be
     learned from: what it takes to look and to localise is compiled once.
 
     known: the state of the verification, None without.
-    look: from a box to what is seen of the frame around it. localise: from a box and what is seen
-        there to the candidate. rests: from the candidate to whether it is not learned from.
-        Pytrees of what they need.
+    look: from a box to what is seen of the frame around it. localise: from a box, what is seen
+        there and whether by the first frame alone to the candidate. rests: from the candidate to
+        whether it is not learned from. Pytrees of what they need.
     Returns the candidate and what is seen around it, or, if it is not learned from, elsewhere.
     """
     settings = config.redetection
     windows = 0 if settings is None else settings.windows
     accept_above = 1.0 if settings is None else settings.accept_above
     verified, num_missed = (known.box, known.num_missed) if known else (box, jnp.int32(0))
-    sure_above = 1.0 if config.verification is None else config.verification.sure_above
+    verification = config.verification
+    sure_above = 1.0 if verification is None else verification.sure_above
+    # What has no filter looks the same by the first frame alone.
+    lost_below = 0.0
+    if verification is not None and config.translation is not None:
+        lost_below = verification.lost_below
 
     # Under vmap the tracks take turns, so that those which hold their object do not search.
     @jax.custom_batching.sequential_vmap
@@ -49,42 +59,44 @@ def search(
         verified: Float[Array, "4"],
         reached: Float[Array, "2"],
         num_missed: Int32[Array, ""],
-        accept_above: Float[Array, ""],
+        lost_below: Float[Array, ""],
         sure_above: Float[Array, ""],
+        accept_above: Float[Array, ""],
     ) -> tuple[Candidate, Any]:
-        turns = jnp.where(num_missed > 0, 2 + windows, 1)
+        def turns(first: Candidate) -> Int32[Array, ""]:
+            """Of the search: the window around the box, the same by the first frame, others."""
+            recognised = jnp.where(first.confidence <= lost_below, 2, 1)
+            return jnp.where(num_missed > 0, 3 + windows, recognised)
 
-        def goes_on(done: tuple[Int32[Array, ""], Candidate, Any]) -> Bool[Array, ""]:
-            number, best, _ = done
-            return (number < turns) | ((number == turns) & ~rests(best))
+        def goes_on(done: _Done) -> Bool[Array, ""]:
+            number, last, best, _ = done
+            return (number < last) | ((number == last) & ~rests(best))
 
-        def turn(
-            done: tuple[Int32[Array, ""], Candidate, Any],
-        ) -> tuple[Int32[Array, ""], Candidate, Any]:
-            number, best, _ = done
-            tile = windows * num_missed + number - 2
-            places = jnp.stack(
-                [box, verified, search_window(verified, tile, frame_shape, reached), best.box]
-            )
-            place = places[jnp.where(number == turns, 3, jnp.minimum(number, 2))]
-            least = jnp.where(number == 1, sure_above, accept_above)
+        def turn(done: _Done) -> _Done:
+            number, last, best, _ = done
+            tile = windows * num_missed + number - 3
+            others = search_window(verified, tile, frame_shape, reached)
+            places = jnp.stack([box, box, verified, others, best.box])
+            place = places[jnp.where(number == last, 4, jnp.minimum(number, 3))]
+            least = jnp.where(number < 3, sure_above, accept_above)
             seen = look(place)
 
             def search_there() -> Candidate:
-                other = localise(place, seen)
+                other = localise(place, seen, number == 1)
                 better = other.confidence > jnp.maximum(best.confidence, least)
                 better |= number == 0
                 return jax.tree.map(lambda new, old: jnp.where(better, new, old), other, best)
 
-            return number + 1, jax.lax.cond(number == turns, lambda: best, search_there), seen
+            best = jax.lax.cond(number == last, lambda: best, search_there)
+            return number + 1, jnp.where(number == 0, turns(best), last), best, seen
 
         seen = jax.eval_shape(look, box)
-        shapes = jax.eval_shape(localise, box, seen), seen
+        shapes = jax.eval_shape(localise, box, seen, num_missed > 0), seen
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-        return jax.lax.while_loop(goes_on, turn, (jnp.int32(0), *nothing))[1:]
+        return jax.lax.while_loop(goes_on, turn, (jnp.int32(0), jnp.int32(1), *nothing))[2:]
 
     reached = canvas_box(verified, config)[2:] * (config.window_factor - 1)
-    limits = jnp.float32(accept_above), jnp.float32(sure_above)
+    limits = jnp.float32(lost_below), jnp.float32(sure_above), jnp.float32(accept_above)
     given = look, localise, rests, box, verified, reached, num_missed, *limits
     return search_all(*jax.tree.map(jnp.asarray, given))
 

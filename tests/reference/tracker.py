@@ -149,10 +149,8 @@ class Tracker:
             known = self.verification
             similarity = verification.similarity(known, description, settings.verification)
             confidence = verification.score(similarity, settings.verification)
-            similarity = verification.recent_similarity(known, description, settings.verification)
-            followed = verification.score(similarity, settings.verification)
             # Behind something, perhaps, the object keeps its size.
-            keep_size = not followed > settings.verification.sure_above
+            keep_size = not confidence > settings.verification.sure_above
             if settings.scale:
                 pull = scale.pull(box, self.initial_size, similarity, settings.scale)
         if self.scale and settings.scale and not keep_size:
@@ -213,15 +211,23 @@ class Tracker:
         return Maps(probabilities, score_map, scores), middle
 
     def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
-        """The candidate, or a better one in further windows if the object was missed last.
+        """The candidate, or a better one if it is not recognised, or the object was missed last.
 
-        Around where it was verified last it has to be sure, elsewhere more than that.
+        In the first case by the translation filter of the first frame, in the second one in further
+        windows, too. Around where it was verified last it has to be sure, elsewhere more than that.
         """
         state = self.verification
-        if state is None or state.num_missed == 0:
+        if state is None:
             return best
         assert self.settings.verification
-        places = [(state.box, self.settings.verification.sure_above)]
+        sure_above = self.settings.verification.sure_above
+        if state.num_missed > 0 or best.confidence <= self.settings.verification.lost_below:
+            other = self.as_at_first().localise(frame, self.box)
+            if other.confidence > max(best.confidence, sure_above):
+                best = other
+        if state.num_missed == 0:
+            return best
+        places = [(state.box, sure_above)]
         if self.settings.redetection:
             tiles = redetection.search_windows(
                 state.box, state.num_missed, frame.shape, self.settings
@@ -232,6 +238,14 @@ class Tracker:
             if other.confidence > max(best.confidence, least):
                 best = other
         return best
+
+    def as_at_first(self) -> "Tracker":
+        """The track with the translation filter of its first frame alone."""
+        if self.translation is None:
+            return self
+        return replace(
+            self, translation=self.translation._replace(running=self.translation.first_frame)
+        )
 
     def update(self, cells: Floats, frame: np.ndarray) -> Floats:
         """Learn the object from the window around the present box, but for its template.
