@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
 from dcs_jax.core.window import canvas_box
-from dcs_jax.types import Candidate, VerificationState
+from dcs_jax.types import Candidate, Scalar, VerificationState
 
 # Turn of the search, that after its last one, the best candidate and what is seen in this turn.
 _Done = tuple[Int32[Array, ""], Int32[Array, ""], Candidate, Any]
@@ -45,7 +45,7 @@ def search(
     verification = config.verification
     sure_above = 1.0 if verification is None else verification.sure_above
     # What has no filter looks the same by the first frame alone.
-    lost_below = 0.0
+    lost_below: Scalar = 0.0
     if verification is not None and config.translation is not None:
         lost_below = verification.lost_below
 
