@@ -174,7 +174,8 @@ class Verification:
     learn_every: int | jax.Array = number(2, "at least 1", 1, INT32 + 1, whole=True)
     """An integer below 2^31; 1: all frames are learned from."""
     lost_below: Number = share(0.5)
-    """Confidence up to which the object counts as missed in a frame."""
+    """Confidence up to which the object counts as missed in a frame, and is looked for once more by
+    the filter of the first frame alone."""
     recover_above: Number = share(0.85)
     """Confidence above which a lost object is held again, and learned from."""
     patience: int | jax.Array = number(5, "at least 1", 1, INT32 + 1, whole=True)
