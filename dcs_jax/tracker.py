@@ -222,10 +222,9 @@ def _localise(
         by_colour = functools.partial(colour.score, of_object, box, config)
     if state.translation and config.translation:
         assert view.features is not None
-        mixed = config.translation
-        share = jnp.where(by_first, 1.0, mixed.first_frame)
-        mixed = dataclasses.replace(mixed, first_frame=share)
-        response = translation.respond(state.translation, view.features, mixed)
+        share = jnp.where(by_first, 1.0, config.translation.first_frame)
+        settings = dataclasses.replace(config.translation, first_frame=share)
+        response = translation.respond(state.translation, view.features, settings)
         middle = translation.search_middle(response, box, frame.shape, config, by_colour)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)

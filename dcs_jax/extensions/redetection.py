@@ -65,8 +65,8 @@ def search(
     ) -> tuple[Candidate, Any]:
         def turns(first: Candidate) -> Int32[Array, ""]:
             """Of the search: the window around the box, the same by the first frame, others."""
-            recognised = jnp.where(first.confidence <= lost_below, 2, 1)
-            return jnp.where(num_missed > 0, 3 + windows, recognised)
+            around_the_box = jnp.where(first.confidence <= lost_below, 2, 1)
+            return jnp.where(num_missed > 0, 3 + windows, around_the_box)
 
         def goes_on(done: _Done) -> Bool[Array, ""]:
             number, last, best, _ = done
