@@ -239,7 +239,7 @@ class Tracker:
                 best = other
         return best
 
-    def as_at_first(self) -> "Tracker":
+    def as_at_first(self) -> Self:
         """The track with the translation filter of its first frame alone."""
         if self.translation is None:
             return self
