@@ -43,7 +43,7 @@ BEYOND = {
     "motion prior": ["prior=0.0", "prior=0.6"],
     "smoothing": ["smoothing=0.0", "smoothing=1.5"],
     "translation filter": ["translation.weight=0.0", "translation.weight=15.0"],
-    "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.3"],
+    "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.15"],
     "colour": ["colour.weight=0.0", "colour.weight=20.0"],
     "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.02"],
     "recent template": ["verification.recent_rate=0.0", "verification.recent_rate=0.07"],

@@ -79,7 +79,7 @@ class TranslationFilter:
     """Weight of the response, about 1 where the filter is sure, in the score map."""
     learning_rate: Number = share(0.03)
     """Weight of the present frame in the running mean of the filter, in [0, 1]."""
-    first_frame: Number = share(0.3)
+    first_frame: Number = share(0.15)
     """Weight of the first frame's filter in the response, in [0, 1]: against slow drift."""
     window_factor: float = static(
         4.5, check_between, expected="finite and above 1", low=1, high=math.inf
@@ -161,7 +161,7 @@ class Verification:
     does not: what was followed of late, if not what was recognised."""
     template_penalty: Number = not_negative(0.1)
     """Reduction of the similarity to these two, which may have drifted; a cosine."""
-    learn_above: Number = share(0.4)
+    learn_above: Number = share(0.25)
     """Confidence above which the classifiers, the filters and the recent template learn."""
     sure_above: Number = share(0.7)
     """Confidence above which the scale is followed and the online template learns, if the object
