@@ -259,6 +259,19 @@ def test_the_next_doubtful_frame_is_the_worst_of_its_stretch_and_comes_around():
     assert editor.next_doubtful(first) is None
 
 
+def test_where_an_object_is_never_recognised_again_the_last_frame_is_the_most_doubtful():
+    editor = Editor(project(120))
+    editor.add_object(0, BOX)
+    for stretch in editor.pending():
+        track = track_of(stretch, confidence=0.99, disagreement=np.nan)
+        track.confidence[40:] = 0.1
+        # Where it is alike for a while it is less in doubt, though later.
+        track.confidence[100:] = 0.25
+        editor.fill(stretch, track)
+    frame, _ = editor.next_doubtful(0)
+    assert 80 < frame < 100
+
+
 def test_what_was_followed_until_it_is_recognised_again_is_not_in_doubt():
     def found(change=lambda track: None):
         editor = Editor(project(120))

@@ -22,6 +22,8 @@ RECOGNISED = 0.7
 # The largest step of a box that has not jumped, in sides of it, and the mean disagreement of
 # forward and backward up to which they follow the same.
 JUMP, APART = 0.5, 0.8
+# By how much less a frame may be in doubt and still be as doubtful as any.
+AS_DOUBTFUL = 0.04
 
 
 def doubt(lane: ObjectLane) -> NDArray[np.float64]:
@@ -37,13 +39,18 @@ def doubt(lane: ObjectLane) -> NDArray[np.float64]:
 
 
 def doubtful(lane: ObjectLane) -> list[int]:
-    """Of each stretch of frames in a row that are in doubt, the most doubtful frame."""
+    """Of each stretch of frames in a row that are in doubt, the most doubtful frame.
+
+    Of several that are as doubtful the last: the longer an object has not been recognised, the
+    farther its box is from it.
+    """
     values = doubt(lane)
     edges = np.flatnonzero(np.diff(np.r_[False, values > 1, False].astype(np.int8)))
-    return [
-        int(start + values[start:end].argmax())
-        for start, end in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    found = []
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        stretch = values[start:end]
+        found.append(int(start + np.flatnonzero(stretch >= stretch.max() - AS_DOUBTFUL)[-1]))
+    return found
 
 
 def _followed(lane: ObjectLane) -> NDArray[np.bool_]:
