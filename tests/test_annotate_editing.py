@@ -268,8 +268,9 @@ def test_where_an_object_is_never_recognised_again_the_last_frame_is_the_most_do
         # Where it is alike for a while it is less in doubt, though later.
         track.confidence[100:] = 0.25
         editor.fill(stretch, track)
-    frame, _ = editor.next_doubtful(0)
-    assert 80 < frame < 100
+    found = editor.next_doubtful(0)
+    assert found is not None
+    assert 80 < found[0] < 100
 
 
 def test_what_was_followed_until_it_is_recognised_again_is_not_in_doubt():

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import ablation, growth, profile_step, run
+from benchmarks import ablation, growth, harder, profile_step, run
 from benchmarks.common import Panel, around, median_range, take_turns
 from benchmarks.compare import Comparison, main, median_interval
 from dcs_jax import Config
@@ -190,3 +190,38 @@ def test_growth_is_drawn(tmp_path):
     growth.draw(panels, tmp_path / "new" / "growth.png")
     picture = (tmp_path / "new" / "growth.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
+
+
+def labelled_square(middles, side=10):
+    """Black frames with a white square around each of the middles, and its box."""
+    frames = np.zeros((len(middles), 100, 120, 3), np.uint8)
+    corners = np.array(middles) - side // 2
+    for frame, (x, y) in zip(frames, corners, strict=True):
+        frame[y : y + side, x : x + side] = 255
+    return harder.Clip(frames, np.pad(corners, ((0, 0), (0, 2)), constant_values=side) * 1.0)
+
+
+@pytest.mark.parametrize("name", harder.CHANGES)
+def test_what_is_made_harder_keeps_its_object_in_its_box(name):
+    clip = labelled_square([(40 + k // 4, 60) for k in range(61)])
+    changed = harder.CHANGES[name](clip)
+    assert len(changed.frames) == len(changed.truth) > 20
+    for frame, (x, y, w, h) in zip(changed.frames, changed.truth, strict=True):
+        rows, columns = np.nonzero(frame[..., 0] > 127)
+        centre = (columns.min() + columns.max() + 1) / 2, (rows.min() + rows.max() + 1) / 2
+        assert abs(centre[0] - x - w / 2) < 1.6
+        assert abs(centre[1] - y - h / 2) < 1.6
+    assert changed.truth[:, 2].min() < 6 if name == "narrowing" else changed.truth[0, 2] == 10
+
+
+def test_a_clip_goes_backward_from_its_last_label():
+    clip = labelled_square([(40 + k, 60) for k in range(9)])
+    clip.truth[7:] = np.nan
+    np.testing.assert_array_equal(harder.backward(clip, 2).truth, clip.truth[[6, 4, 2, 0]])
+
+
+def test_an_object_that_turns_out_of_the_picture_has_no_label():
+    clip = labelled_square([(110, 90)] * 90)
+    truth = harder.turning(clip).truth
+    assert np.isfinite(truth[0]).all()
+    assert np.isnan(truth[30]).all()  # the corner of a picture that is wider than high
