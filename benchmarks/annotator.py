@@ -36,7 +36,7 @@ from benchmarks.reliability import EVERY_FRAME
 from dcs_jax.annotate import Box, Editor, Project, Runs, Stretch, StretchTrack, track_stretches
 from dcs_jax.annotate.stretches import unknown
 from dcs_jax.compilation import cache
-from dcs_jax.evaluation.datasets import find_sequences
+from dcs_jax.evaluation.datasets import Entry, find_sequences
 from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.io.annotations import read_boxes
 
@@ -113,16 +113,22 @@ def main() -> None:
 
 def labelled(roots: Sequence[Path], names: list[str] | None) -> Iterator[Labelled]:
     """The sequences of these names, or all, that have a label on every frame."""
+    for root, entry in entries(roots, names):
+        sequence = entry.load()
+        truth = np.asarray(sequence.truth, np.float64)
+        if (root / entry.name / EVERY_FRAME).exists():
+            labels = read_boxes(root / entry.name / EVERY_FRAME)
+            truth = labels[len(labels) - len(truth) :]  # a sequence starts at its first label
+        if np.isfinite(truth).all():
+            yield Labelled(entry.name, np.stack(list(sequence.frames)), truth)
+
+
+def entries(roots: Sequence[Path], names: list[str] | None) -> Iterator[tuple[Path, Entry]]:
+    """The sequences of these names, or all, and the root of each; one root may lack some."""
     for root in roots:
         there = {entry.name for entry in find_sequences(root)}
         for entry in find_sequences(root, sorted(there.intersection(names or there))):
-            sequence = entry.load()
-            truth = np.asarray(sequence.truth, np.float64)
-            if (root / entry.name / EVERY_FRAME).exists():
-                labels = read_boxes(root / entry.name / EVERY_FRAME)
-                truth = labels[len(labels) - len(truth) :]  # a sequence starts at its first label
-            if np.isfinite(truth).all():
-                yield Labelled(entry.name, np.stack(list(sequence.frames)), truth)
+            yield root, entry
 
 
 def boxes_drawn(sequence: Labelled, filler: Filler, least: float, tie: str = "first") -> int:
