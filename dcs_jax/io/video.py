@@ -28,6 +28,10 @@ SLACK = 2
 _HIGHEST_FPS = 2000
 # Their duration is not announced, but estimated from what is there.
 _ESTIMATED = frozenset(("mpegts", "mpeg"))
+# Titles and comments may be in any encoding: an error before PyAV 19, which has no such argument.
+_ANY_ENCODING: dict[str, Any] = (
+    {"metadata_errors": "replace"} if int(av.__version__.split(".")[0]) < 19 else {}
+)
 
 
 class VideoFile(StoredSource):
@@ -112,8 +116,7 @@ def open_container(
 ) -> InputContainer:
     """Open what FFmpeg can read; ValueError where it cannot. name, expected: for the message."""
     try:
-        # Titles and comments may be in any encoding.
-        return av.open(address, metadata_errors="replace", **options)
+        return av.open(address, **_ANY_ENCODING, **options)
     except (av.error.FFmpegError, OSError) as error:
         reason = error.strerror
         if isinstance(error, av.error.InvalidDataError):
