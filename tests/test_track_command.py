@@ -1,5 +1,6 @@
 """`dcs-jax track` beyond one box: several objects, formats, states, streams, signals."""
 
+import http.server
 import os
 import signal
 import subprocess
@@ -10,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from ffmpeg import EXECUTABLE, raw, write_plain
+from ffmpeg import EXECUTABLE, ffmpeg, raw, write_plain
 from test_cli import assert_one_line, command
 from typer.testing import CliRunner
 
@@ -359,6 +360,31 @@ def test_a_server_is_read_to_its_end(video, clip, expected, here, start):
     time.sleep(1)
     good(address, "--box", text(clip.boxes[0]))
     tracked_like("boxes.csv", expected)
+
+
+def test_a_server_that_hangs_up_too_early(video, clip, here):
+    """What has come is tracked, also what the decoder still held, and the error is said."""
+    sent = video.with_suffix(".ts")
+    ffmpeg("-i", video, "-c", "copy", sent)
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Length", str(sent.stat().st_size + 1000))
+            self.end_headers()
+            self.wfile.write(sent.read_bytes())
+
+        def log_message(self, *arguments):
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        result = run(address, "--box", text(clip.boxes[0]))
+        server.shutdown()
+    assert result.exit_code == 3
+    assert f"breaks off after {LENGTH} frames" in result.stderr
+    assert len(np.loadtxt("boxes.csv", delimiter=",", skiprows=1)) == LENGTH
 
 
 def send(start, video, port, loops):

@@ -1,5 +1,6 @@
 """Frames that come by themselves: cameras, network streams, pipes. They are read once."""
 
+import errno
 import functools
 import itertools
 import os
@@ -188,6 +189,7 @@ class EncodedSource(StreamSource):
         super().__init__("standard input" if source == "-" else source, most, patience)
         protocol = source.partition("://")[0].lower() if "://" in source else ""
         self.live = protocol in _LIVE_PROTOCOLS
+        self._by_http = protocol in ("http", "https")
         options: dict[str, Any] = {} if raw is None else _raw_options(raw)
         self._files = ExitStack()
         if protocol:
@@ -218,6 +220,11 @@ class EncodedSource(StreamSource):
                 yield functools.partial(to_rgb, frame)
         except av.error.ExitError:
             raise TimeoutError(f"no data for {self._patience:g} s") from None
+        except OSError as error:
+            # FFmpeg 9 says this at the end of what has no stated length, sent in chunks perhaps.
+            ended = error.errno == errno.EIO and (self._container.size or 0) <= 0
+            if not (self._by_http and ended):
+                raise
         finally:
             self._files.close()
 

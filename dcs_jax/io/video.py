@@ -194,10 +194,20 @@ def decoded_frames(
     whole: whether the last packet is; where the file breaks off, it is taken for half a frame.
     """
     packets = stored_packets(container, stream, failed)
-    packet = next(packets, None)
+    broken: OSError | None = None
+
+    def next_packet() -> "av.Packet[Any] | None":
+        nonlocal broken
+        try:
+            return next(packets, None)
+        except OSError as error:
+            broken = error
+            return None
+
+    packet = next_packet()
     end = math.inf  # frames that are shown later refer to what lacks
     while packet is not None:
-        following = next(packets, None)
+        following = next_packet()
         if not whole and packet.size and (following is None or not following.size):
             end = math.inf if packet.pts is None else packet.pts
         else:
@@ -211,12 +221,17 @@ def decoded_frames(
             except av.error.InvalidDataError:
                 failed()
         packet = following
+    if broken is not None:
+        raise broken
 
 
 def stored_packets(
     container: InputContainer, stream: VideoStream, failed: Callable[[], None] = lambda: None
 ) -> "Iterator[av.Packet[Any]]":
-    """The packets of a stream, and an empty one at the end; `failed` is called for damaged ones."""
+    """The packets of a stream, and an empty one at the end; `failed` is called for damaged ones.
+
+    Raises OSError where it breaks off, after the empty packet: what has come can be decoded.
+    """
     packets = container.demux(stream)
     while True:
         try:
@@ -224,6 +239,11 @@ def stored_packets(
         except av.error.InvalidDataError:
             failed()
             continue
+        except OSError:
+            last: av.Packet[Any] = av.Packet()
+            last.stream = stream
+            yield last
+            raise
         if packet is None:
             return
         yield packet
