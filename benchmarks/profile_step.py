@@ -31,7 +31,7 @@ from dcs_jax.runners.sequence import init_track, track_chunk
 ROUNDS = 9  # without the profiler
 OTHER = "other"
 # What JAX adds to the path of an operation for functions and control flow.
-WRAPPER = re.compile(r".*\(.*\)|while|body|cond|closed_call|branch_\d+_fun")
+WRAPPER = re.compile(r".*\(.*\)|while|body|cond|closed_call|eval_jaxpr|branch_\d+_fun")
 # Operations that run others, whose times would count twice.
 CONTAINERS = ("while", "conditional", "call")
 # Of the text of an HLO module: the compiled program offers nothing else.
