@@ -27,6 +27,7 @@ from dcs_jax.io.annotations import read_boxes
 
 BINS = 10
 RIGHT = 0.5  # IoU above which a box is right
+FITTED = ("middle", "slope")
 EVERY_FRAME = "groundtruth_every_frame.txt"
 
 Numbers = NDArray[np.float64]
@@ -73,17 +74,19 @@ def main() -> None:
     for number, one in enumerate(found):
         span = f"{number / BINS:.1f} to {(number + 1) / BINS:.1f}"
         print(f"| {span} | {one.frames} | {one.confidence:.3f} | {one.right:.3f} |")
-    similarity = logit(np.clip(confidence, 1e-6, 1 - 1e-6)) / float(config.verification.slope)
-    similarity += float(config.verification.middle)
+    # With a translation filter the confidence is of more than the similarity.
+    prefix = "response_" if config.translation is not None else ""
+    known = {name: float(getattr(config.verification, prefix + name)) for name in FITTED}
+    evidence = logit(np.clip(confidence, 1e-6, 1 - 1e-6)) / known["slope"] + known["middle"]
     for label, weights in (
         ("each frame with the same weight", np.ones(len(right))),
         ("each sequence", np.concatenate([np.full(len(r), 1 / len(r)) for r in rights])),
     ):
-        middle, slope = fit(similarity, right, weights)
-        proposed = expit(slope * (similarity - middle))
+        middle, slope = fit(evidence, right, weights)
+        error = calibration_error(expit(slope * (evidence - middle)), right)
         print(
-            f"\nProposed, {label}: verification.middle={middle:.3f} verification.slope={slope:.2f} "
-            f"(ECE {calibration_error(proposed, right):.3f} on the same tracks)"
+            f"\nProposed, {label}: verification.{prefix}middle={middle:.3f} "
+            f"verification.{prefix}slope={slope:.2f} (ECE {error:.3f} on the same tracks)"
         )
     if arguments.plot:
         draw(found, arguments.plot)

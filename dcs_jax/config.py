@@ -153,7 +153,13 @@ class Verification:
     """Slope of confidence = 1 / (1 + exp(-slope * (similarity - middle))). Both were fitted to
     tracks of seven labelled sequences and variants of them: of the boxes that overlap the object by
     more than half nine in ten have a similarity to the initial template above 0.2, of the others
-    one in ten has one above 0.4."""
+    one in ten has one above 0.4. The limits below are of this confidence."""
+    response_middle: Number = number(0.5, "from -10 to 10", -10, 10 + 1e-6)
+    """Sum of the responses of the translation filter, as it is and as of the first frame, at which
+    they say nothing; about 1 each where the object looks as it was learned."""
+    response_slope: Number = not_negative(4.0)
+    """Slope of the confidence of a track (`StepInfo`), in which both count:
+    1 / (1 + exp(-response_slope * (similarity - middle + responses - response_middle)))."""
     template_rate: Number = share(0.03)
     """Learning rate of the online template, in [0, 1]."""
     recent_rate: Number = share(0.07)

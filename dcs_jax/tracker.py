@@ -193,12 +193,16 @@ def _score(state: State, view: _View, config: Config) -> StepInfo:
     noisy_or, part_scores = middle_confidence(
         view.window, state.pool, state.weak, state.strong, config
     )
-    confidence = jnp.full_like(noisy_or, jnp.nan)
+    confidence, responses = jnp.full_like(noisy_or, jnp.nan), None
+    nowhere = jnp.zeros(2, jnp.float32)
     if state.verification and config.verification:
-        description = _own_scale(_describe(view.window, jnp.zeros(2, jnp.float32), config))
+        description = _own_scale(_describe(view.window, nowhere, config))
         similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
-    here = Candidate(state.box, noisy_or, confidence, part_scores)
+    if state.translation and config.translation:
+        assert view.features is not None
+        responses = translation.responses(state.translation, view.features, nowhere, config.grid)
+    here = Candidate(state.box, noisy_or, confidence, part_scores, responses=responses)
     return _info(state, here, jnp.zeros(len(LABELS), jnp.float32), config)
 
 
@@ -242,7 +246,14 @@ def _localise(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
     moved = _move(box, displacement, frame.shape, config)
-    here = Candidate(moved, noisy_or, jnp.full_like(noisy_or, jnp.nan), part_scores)
+    responses = None
+    if state.translation and config.translation:
+        assert view.features is not None
+        responses = translation.responses(
+            state.translation, view.features, displacement, config.grid
+        )
+    unknown = jnp.full_like(noisy_or, jnp.nan)
+    here = Candidate(moved, noisy_or, unknown, part_scores, responses=responses)
     return _measured(state, here, displacement, view.window, frame.shape, config)
 
 
@@ -467,13 +478,15 @@ def _own_scale(descriptions: Float[Array, "S D"]) -> Float[Array, " D"]:
 
 def _info(state: State, best: Candidate, noise: Float[Array, " R"], config: Config) -> StepInfo:
     """The record of one frame."""
-    lost = jnp.array(False)
+    lost, confidence = jnp.array(False), best.confidence
     if state.verification and config.verification:
         lost = verification.is_lost(state.verification, config.verification)
+        if best.responses is not None:
+            confidence = verification.combine(confidence, best.responses, config.verification)
     box = best.box
     if config.output_size == "initial":
         size = state.initial_size
         box = jnp.concatenate([box[:2] + (box[2:] - size) / 2, size])
     # Smoothing rounds some scores to just outside.
     noisy_or, part_scores = (jnp.clip(x, 0, 1) for x in (best.noisy_or, best.part_scores))
-    return StepInfo(box, best.confidence, noisy_or, part_scores, lost, noise)
+    return StepInfo(box, confidence, noisy_or, part_scores, lost, noise)

@@ -154,7 +154,9 @@ class Candidate(NamedTuple):
     """Where in a frame the object may be.
 
     box: [4] float32, x, y, w, h in pixels. noisy_or: [], confidence: [] and part_scores: [K] as in
-    `StepInfo`. description: [D] float32, of its patch, a unit vector; None without verification.
+    `StepInfo`, but for the confidence, which is by the similarity alone. description: [D] float32,
+    of its patch, a unit vector; None without verification. responses: [] float32, the sum of those
+    of the translation filter, as it is and as of the first frame; None without.
     """
 
     box: Float[Array, "4"]
@@ -162,6 +164,7 @@ class Candidate(NamedTuple):
     confidence: Float[Array, ""]
     part_scores: Float[Array, " K"]
     description: Float[Array, " D"] | None = None
+    responses: Float[Array, ""] | None = None
 
 
 class StepInfo(NamedTuple):
@@ -174,7 +177,7 @@ class StepInfo(NamedTuple):
         confidence: near 1 whether the object is there or not.
     part_scores: [K] float32 in [0, 1], each part's probability there.
     lost: [] bool, whether the object has not been verified for `Verification.patience` frames; a
-        confidence above `recover_above` ends it. False without verification.
+        similarity whose confidence is above `recover_above` ends it. False without verification.
     noise: [R] float32, the selection's e for the frame's training samples, the mean over selectors
         (eq. 14): how much the model corrects the label of the tracked box, sample 0, and of the
         four corners of the window. 0 for a selector other than "l1", and in a frame that is not

@@ -63,6 +63,37 @@ def test_filter_and_score_are_those_of_the_reference(seed, shift, prior):
     assert scores[0][at] > scores[1][at] - 0.06
 
 
+@given(
+    seed=st.integers(0, 2**31),
+    down=st.floats(-11, 11),
+    across=st.floats(-9, 9),
+    rate=st.floats(0, 1),
+)
+def test_responses_are_those_of_the_reference(seed, down, across, rate):
+    settings = TranslationFilter(learning_rate=rate)
+    of_reference = reference_settings(CONFIG).translation
+    windows = window(seed), window(seed + 1), window(seed, shift=(3, 2))
+    state = translation.init(features(windows[0]), settings, GRID)
+    state = translation.update(state, features(windows[1]), settings, GRID)
+    known = expected.init(windows[0], of_reference, GRID)
+    second = expected.train(windows[1], of_reference, GRID)
+    known = known._replace(running=filters.interpolate(known.running, second, rate))
+    place = np.array([down, across], np.float32)
+    found = translation.responses(state, features(windows[2]), jnp.asarray(place), GRID)
+    wanted = expected.responses(known, windows[2], place, GRID)
+    np.testing.assert_allclose(found, wanted, atol=4e-3)
+
+
+@given(seed=st.integers(0, 2**31))
+def test_both_respond_where_all_is_as_it_was_learned(seed):
+    seen = features(window(seed))
+    state = translation.init(seen, SETTINGS, GRID)
+    here = translation.responses(state, seen, jnp.zeros(2), GRID)
+    elsewhere = translation.responses(state, seen, jnp.asarray([12.0, 9.0]), GRID)
+    assert here > 1.5
+    assert abs(elsewhere) < here / 4
+
+
 @given(seed=st.integers(0, 2**31), down=st.integers(-11, 11), across=st.integers(-9, 9))
 def test_the_score_peaks_at_the_displacement_of_a_shifted_window(seed, down, across):
     state = translation.init(features(window(seed)), SETTINGS, GRID)

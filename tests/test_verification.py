@@ -147,3 +147,28 @@ def test_an_object_is_missed_lost_and_recovered_by_its_confidence():
     assert verified == [0, 2, 2, 2, 2, 2, 7, 8]  # the number of the box
     assert lost == [count >= 3 for count in counts]
     assert learned == [False, True, True, False, False, False, True, True]
+
+
+@given(confidence=st.floats(1e-4, 1 - 1e-4), responses=st.floats(-1, 2.5))
+def test_responses_count_as_in_the_reference(confidence, responses):
+    settings = reference.Verification(**dataclasses.asdict(SETTINGS))
+    found = verification.combine(jnp.float32(confidence), jnp.float32(responses), SETTINGS)
+    assert found == pytest.approx(expected.combine(confidence, responses, settings), abs=1e-5)
+
+
+def test_responses_confirm_or_refute():
+    def combined(confidence, responses, **changes):
+        settings = dataclasses.replace(SETTINGS, **changes)
+        return float(
+            verification.combine(jnp.float32(confidence), jnp.float32(responses), settings)
+        )
+
+    assert combined(0.5, SETTINGS.response_middle) == pytest.approx(0.5)
+    assert combined(0.6, 0.1) < 0.3
+    assert combined(0.3, 1.0) > 0.8
+    # No number is out of range, and none unknown that was known.
+    for confidence in (0.0, 1e-7, 0.5, 1.0):
+        for responses in (-1.0, 2.0):
+            for changes in ({}, {"response_slope": 0}, {"response_slope": 1e9}, {"slope": 0}):
+                assert 0 <= combined(confidence, responses, **changes) <= 1
+    assert np.isnan(combined(np.nan, 1.0))

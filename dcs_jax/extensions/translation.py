@@ -48,9 +48,30 @@ def respond(
     features: of the window around the last box.
     """
     mixed = filters.interpolate(state.running, state.first_frame, settings.first_frame)
-    ridge = _RIDGE * mixed.denominator.mean() + _ROUNDING
     weight = jnp.asarray(settings.weight, jnp.complex64)
-    return weight * filters.response(mixed, jnp.fft.rfft2(features * _fade(features)), ridge)
+    return weight * _response(mixed, features)
+
+
+@jax.named_scope("translation")
+def responses(
+    state: TranslationState,
+    features: Float[Array, "8 Y X"],
+    displacement: Float[Array, "2"],
+    grid: Grid,
+) -> Float[Array, ""]:
+    """Sum of the responses of the filter as it is and as of the first frame at a position: [].
+
+    Each is near 1 where the window looks as it was learned, and near 0 elsewhere.
+
+    features: of the window around the last box. displacement: [2] down and right from it, cells.
+    """
+    both = _response(state.running, features) + _response(state.first_frame, features)
+    rows, columns = _shape(grid)
+    down, right = displacement / _cell(grid)
+    turn_down = _turns(down, np.fft.fftfreq(rows))
+    turn_right = _turns(right, np.fft.rfftfreq(columns))
+    turn_right *= jnp.asarray(_twice(np.fft.rfftfreq(columns)), jnp.complex64)
+    return (both * turn_down[:, None] * turn_right[None]).real.sum() / (rows * columns)
 
 
 @jax.named_scope("translation")
@@ -144,8 +165,7 @@ def score(
         _waves(np.arange(-(count // 2), count // 2 + 1) / cell, waves)
         for count, waves in zip((height, width), frequencies, strict=True)
     )
-    # The half of the frequencies that a real response does not need counts in the other.
-    right *= np.where((frequencies[1] == 0) | (frequencies[1] == 0.5), 1, 2)
+    right *= _twice(frequencies[1])
     turn_down, turn_right = (
         _turns(cells, waves) for cells, waves in zip(middle // cell, frequencies, strict=True)
     )
@@ -153,6 +173,12 @@ def score(
     half = jnp.asarray(down, jnp.complex64) @ turned
     real = half.real @ jnp.asarray(right.real.T, jnp.float32)
     return (real - half.imag @ jnp.asarray(right.imag.T, jnp.float32)) / (rows * columns)
+
+
+def _response(trained: Filter, features: Float[Array, "8 Y X"]) -> Complex[Array, "Y half"]:
+    """Spectrum of a filter's response in a window."""
+    ridge = _RIDGE * trained.denominator.mean() + _ROUNDING
+    return filters.response(trained, jnp.fft.rfft2(features * _fade(features)), ridge)
 
 
 def _cell(grid: Grid) -> int:
@@ -200,7 +226,16 @@ def _waves(line: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     return np.where(np.abs(frequencies) == 0.5, waves.real, waves)
 
 
-def _turns(cells: Int32[Array, ""], frequencies: np.ndarray) -> Complex[Array, " frequencies"]:
-    """What moves a Fourier series back by a whole number of cells: [frequencies]."""
+def _twice(frequencies: np.ndarray) -> np.ndarray:
+    """How often each counts: the half that a real signal does not need counts in the other."""
+    return np.where((frequencies == 0) | (frequencies == 0.5), 1, 2)
+
+
+def _turns(
+    cells: Int32[Array, ""] | Float[Array, ""], frequencies: np.ndarray
+) -> Complex[Array, " frequencies"]:
+    """What moves a Fourier series back by so many cells: [frequencies]."""
     angles = cells.astype(jnp.float32) * jnp.asarray(2 * np.pi * frequencies, jnp.float32)
-    return jax.lax.complex(jnp.cos(angles), jnp.sin(angles))
+    # The highest of an even number of frequencies is its own negative.
+    both_ways = jnp.asarray(np.abs(frequencies) == 0.5)
+    return jax.lax.complex(jnp.cos(angles), jnp.where(both_ways, 0, jnp.sin(angles)))

@@ -55,6 +55,23 @@ def score(similarity: Float[Array, ""], settings: Verification) -> Float[Array, 
     return jax.nn.sigmoid(settings.slope * (similarity - settings.middle))
 
 
+def combine(
+    confidence: Float[Array, ""], responses: Float[Array, ""], settings: Verification
+) -> Float[Array, ""]:
+    """The same probability from the responses of the translation filter, too: [] in [0, 1].
+
+    The filter sees what is around the object, and what was learned of late. Where it responds, an
+    object that has turned is more likely still there; where it does not, what looks like the object
+    is less likely the same. What is done about the object is by the similarity alone.
+
+    responses: as of `translation.responses`.
+    """
+    slope = jnp.maximum(settings.slope, _ROUNDING)
+    similarity = (jnp.log(confidence) - jnp.log1p(-confidence)) / slope  # above `middle`
+    evidence = jnp.clip(similarity, -2, 2) + responses - settings.response_middle
+    return jax.nn.sigmoid(settings.response_slope * evidence)
+
+
 def is_missed(
     state: VerificationState, followed: Float[Array, ""], settings: Verification
 ) -> Bool[Array, ""]:

@@ -52,13 +52,17 @@ class Maps(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """Where in a frame the object may be: box [4], description [D], the rest as in `StepInfo`."""
+    """Where in a frame the object may be: box [4], description [D], the rest as in `StepInfo`.
+
+    confidence: by the similarity alone. responses: of the translation filter, NaN without.
+    """
 
     box: Floats
     confidence: float
     noisy_or: float
     part_scores: Floats
     description: Floats
+    responses: float
 
 
 class StepInfo(NamedTuple):
@@ -131,10 +135,15 @@ class ScaleFilter:
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
-    """middle, slope: of the logistic function. The others are shares, the last two frames."""
+    """middle, slope: of the logistic function, also with the responses of the translation filter.
+
+    The others are shares, the last two frames.
+    """
 
     middle: float
     slope: float
+    response_middle: float
+    response_slope: float
     template_rate: float
     recent_rate: float
     template_penalty: float

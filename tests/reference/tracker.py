@@ -110,6 +110,7 @@ class Tracker:
         # Lines 1-3: where in the window around its last position is the object most likely?
         best = self.search_elsewhere(frame, self.localise(frame, self.box))
         confidence, noise = best.confidence, np.zeros(5)
+        settings = self.settings.verification
         if self.rests(best):
             self.keep_up(best)
         else:
@@ -117,10 +118,12 @@ class Tracker:
             updated = replace(self, box=best.box)
             cells = self.window(frame, best.box)
             noise = updated.update(cells, frame)
-            if self.settings.verification:
+            if settings:
                 confidence = self.verify(cells, updated)
             else:
                 self.become(updated)
+        if settings and self.settings.translation:
+            confidence = verification.combine(confidence, best.responses, settings)
         return StepInfo(
             self.output(best.box),
             confidence,
@@ -156,7 +159,11 @@ class Tracker:
         if self.scale and settings.scale and not keep_size:
             steps = scale.estimate(self.scale, descriptions) - pull
             box = scale.resize(box, steps, frame.shape, settings.scale)
-        return Candidate(box, confidence, noisy_or, maps.probabilities[:, row, column], description)
+        responses = math.nan
+        if self.translation and settings.translation:
+            responses = translation.responses(self.translation, cells, displacement, settings.grid)
+        part_scores = maps.probabilities[:, row, column]
+        return Candidate(box, confidence, noisy_or, part_scores, description, responses)
 
     def search(self, frame: np.ndarray, cells: Floats, box: Floats) -> tuple[Maps, Integers]:
         """What there is at every position in the search window within [Gy, Gx] around a box.

@@ -82,6 +82,20 @@ def score(spectrum: Spectrum, middle: Integers, settings: Settings) -> Floats:
     return fourier_series(down.T, middle[1], searched.margin_columns, cell).T.real
 
 
+def responses(state: TranslationState, cells: Floats, displacement: Floats, grid: Grid) -> float:
+    """Sum of the responses of both filters at a displacement [2] (down, across), canvas cells.
+
+    cells: [Gy, Gx], of the window around the last box.
+    """
+    total = 0.0
+    for trained in state:
+        values = response(trained, cells, grid)
+        for place in displacement:
+            values = fourier_series(values, place, 0, cell_side(grid))[0]
+        total += float(values.real)
+    return total
+
+
 def update(
     state: TranslationState, cells: Floats, settings: TranslationFilter, grid: Grid
 ) -> TranslationState:
@@ -146,7 +160,7 @@ def fade(rows: int, columns: int) -> Floats:
     return filters.hann(rows)[:, None] * filters.hann(columns)
 
 
-def fourier_series(spectrum: Spectrum, middle: int, margin: int, cell: int) -> Spectrum:
+def fourier_series(spectrum: Spectrum, middle: float, margin: int, cell: int) -> Spectrum:
     """A signal along the first axis, [2 margin + 1, ...], up to a margin from middle, canvas cells.
 
     The highest of an even number of frequencies is its

@@ -49,6 +49,13 @@ def score(similarity: float, settings: Verification) -> float:
     return float(1 / (1 + np.exp(-settings.slope * (similarity - settings.middle))))
 
 
+def combine(confidence: float, responses: float, settings: Verification) -> float:
+    """The confidence with the responses of the translation filter added to the similarity."""
+    similarity = np.log(confidence / (1 - confidence)) / settings.slope  # less the middle
+    evidence = similarity + responses - settings.response_middle
+    return float(1 / (1 + np.exp(-settings.response_slope * evidence)))
+
+
 def is_missed(state: VerificationState, followed: float, settings: Verification) -> bool:
     """Whether the object is not verified by the confidence of what was followed of late.
 
