@@ -193,16 +193,14 @@ def _score(state: State, view: _View, config: Config) -> StepInfo:
     noisy_or, part_scores = middle_confidence(
         view.window, state.pool, state.weak, state.strong, config
     )
-    confidence, responses = jnp.full_like(noisy_or, jnp.nan), None
+    confidence = jnp.full_like(noisy_or, jnp.nan)
     nowhere = jnp.zeros(2, jnp.float32)
     if state.verification and config.verification:
         description = _own_scale(_describe(view.window, nowhere, config))
         similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
-    if state.translation and config.translation:
-        assert view.features is not None
-        responses = translation.responses(state.translation, view.features, nowhere, config.grid)
-    here = Candidate(state.box, noisy_or, confidence, part_scores, responses=responses)
+    of_filter = _of_filter(state, view, nowhere, config)
+    here = Candidate(state.box, noisy_or, confidence, part_scores, responses=of_filter)
     return _info(state, here, jnp.zeros(len(LABELS), jnp.float32), config)
 
 
@@ -246,15 +244,20 @@ def _localise(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
     moved = _move(box, displacement, frame.shape, config)
-    responses = None
-    if state.translation and config.translation:
-        assert view.features is not None
-        responses = translation.responses(
-            state.translation, view.features, displacement, config.grid
-        )
     unknown = jnp.full_like(noisy_or, jnp.nan)
-    here = Candidate(moved, noisy_or, unknown, part_scores, responses=responses)
+    of_filter = _of_filter(state, view, displacement, config)
+    here = Candidate(moved, noisy_or, unknown, part_scores, responses=of_filter)
     return _measured(state, here, displacement, view.window, frame.shape, config)
+
+
+def _of_filter(
+    state: State, view: _View, displacement: Float[Array, "2"], config: Config
+) -> Float[Array, ""] | None:
+    """What the translation filter responds at a displacement, in cells: [], None without it."""
+    if not (state.translation and config.translation):
+        return None
+    assert view.features is not None
+    return translation.responses(state.translation, view.features, displacement, config.grid)
 
 
 def _measured(
