@@ -141,6 +141,29 @@ class ScaleFilter:
 
 @pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class RotationFilter:
+    """A correlation filter over angles, by which the canvas turns with the object.
+
+    See `extensions.rotation`. Without verification, whose initial template says whether the object
+    has turned, nothing turns.
+    """
+
+    similar_above: Number = share(0.6)
+    """Similarity to the initial template, a cosine, above which an object that was upright counts
+    as turned, if it is turned back before it is compared, and the gain says so, too."""
+    gain_above: Number = share(0.25)
+    """Gain of similarity by turning it back above which this is so."""
+    gain_below: Number = share(0.1)
+    """Gain, a running mean, up to which an object that has turned counts as upright again."""
+    follow_above: Number = share(0.9)
+    """Confidence above which the angle of an object that has turned is followed."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@pytree
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Verification:
     """Comparison of the candidate with the object's templates (`extensions.verification`).
 
@@ -260,7 +283,7 @@ class Config:
     """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
 
     A pytree: the numbers are its leaves, so another value compiles nothing, and an array of them
-    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The five
+    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The six
     groups are what the default has beyond the paper: None switches one off.
 
     The tracker computes in float32 and int32, whatever the type of a number and JAX's settings;
@@ -329,6 +352,7 @@ class Config:
     translation: TranslationFilter | None = group(TranslationFilter)
     colour: ColourHistograms | None = group(ColourHistograms)
     scale: ScaleFilter | None = group(ScaleFilter)
+    rotation: RotationFilter | None = group(RotationFilter)
     verification: Verification | None = group(Verification)
     redetection: Redetection | None = group(Redetection)
 

@@ -28,8 +28,16 @@ from dcs_jax.core.search import (
 from dcs_jax.core.selection import select
 from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
-from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, one_frame, window_integral
-from dcs_jax.extensions import colour, redetection, scale, translation, verification
+from dcs_jax.core.window import (
+    ColumnSums,
+    VideoFrame,
+    canvas_box,
+    cell_aspect,
+    one_frame,
+    turned,
+    window_integral,
+)
+from dcs_jax.extensions import colour, redetection, rotation, scale, translation, verification
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import (
     BoxLike,
@@ -92,18 +100,27 @@ def _begin(
     config = single_precision(config)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
-    view = _look(frame, config, box)
+    view = _look(frame, config, box, None)
     return _first_state(view, box, pool, frame.shape, config), view
 
 
 @jax.jit
-def _look(frame: VideoFrame | ColumnSums, config: Config, box: Float[Array, "4"]) -> _View:
+def _look(
+    frame: VideoFrame | ColumnSums,
+    config: Config,
+    box: Float[Array, "4"],
+    angle: Float[Array, ""] | None,
+) -> _View:
+    """What is seen around a box; angle: by which the canvas is turned, None where it never is."""
     on_canvas = canvas_box(box, config)
     window = window_integral(frame, on_canvas, config.grid)
+    if angle is not None:
+        window = rotation.turn_window(window, angle, cell_aspect(box, config))
+    turn = _turn(angle, box, config)
     return _View(
         window,
         None if config.translation is None else translation.features(window, config.grid),
-        None if config.colour is None else colour.look(frame, on_canvas, config.grid),
+        None if config.colour is None else colour.look(frame, on_canvas, config.grid, turn),
     )
 
 
@@ -123,7 +140,8 @@ def _first_state(
         1, config.first_updates, lambda _, weak: update_weak(weak, values)[0], weak
     )
     weak, strong, _ = _learn(values, weak, config)
-    descriptions = _describe(view.window, jnp.zeros(2, jnp.float32), config)
+    nowhere = jnp.zeros(2, jnp.float32)
+    descriptions = _describe(view.window, nowhere, config)
     learned = None
     if config.translation is not None:
         assert view.features is not None
@@ -137,6 +155,7 @@ def _first_state(
         learned,
         None if config.colour is None else colour.init(view.colours, box, config),
         None if config.scale is None else scale.init(descriptions),
+        None if config.rotation is None else rotation.init(_polar(view, nowhere, box, config)),
         None if config.verification is None else verification.init(_own_scale(descriptions), box),
     )
 
@@ -164,7 +183,9 @@ def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple
     localise = jax.tree_util.Partial(_localise, state, frame, config)
     known = state.verification
     rests = jax.tree_util.Partial(_rests, known, config)
-    best, view = redetection.search(look, localise, rests, state.box, known, frame.shape, config)
+    best, view = redetection.search(
+        look, localise, rests, state.box, _angle(state), known, frame.shape, config
+    )
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
     updated, best, noise = jax.lax.cond(
         rests(best),
@@ -184,7 +205,7 @@ def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Conf
     frame = _readable(frame)
     config = single_precision(config)
     check_state(state, config)
-    return _score(state, _look(frame, config, state.box), config)
+    return _score(state, _look(frame, config, state.box, _angle(state)), config)
 
 
 @jax.jit
@@ -218,6 +239,7 @@ def _localise(
     by_first: whether the translation filter is that of the first frame alone.
     """
     middle = jnp.zeros(2, jnp.int32)
+    turn = _turn(_angle(state), box, config)
     response = by_colour = None
     if state.colour and config.colour and view.colours is not None:
         of_object = colour.respond(state.colour, view.colours, config.colour)
@@ -227,7 +249,7 @@ def _localise(
         share = jnp.where(by_first, 1.0, config.translation.first_frame)
         settings = dataclasses.replace(config.translation, first_frame=share)
         response = translation.respond(state.translation, view.features, settings)
-        middle = translation.search_middle(response, box, frame.shape, config, by_colour)
+        middle = translation.search_middle(response, box, frame.shape, config, by_colour, turn)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
@@ -238,16 +260,19 @@ def _localise(
         score_map += by_colour(*displacements(config.search_grid, middle))
     # The translation filter's response is smooth, which the votes are not.
     subcell = response is not None
-    displacement = find_peak(score_map, box, frame.shape, config, subcell=subcell, middle=middle)
+    displacement = find_peak(
+        score_map, box, frame.shape, config, subcell=subcell, middle=middle, turn=turn
+    )
     row, column = jnp.round(displacement).astype(jnp.int32) - middle
     noisy_or, part_scores = maps.at(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
-    moved = _move(box, displacement, frame.shape, config)
+    in_frame = displacement if turn is None else jnp.stack(turned(turn, *displacement))
+    moved = _move(box, in_frame, frame.shape, config)
     unknown = jnp.full_like(noisy_or, jnp.nan)
     of_filter = _of_filter(state, view, displacement, config)
     here = Candidate(moved, noisy_or, unknown, part_scores, responses=of_filter)
-    return _measured(state, here, displacement, view.window, frame.shape, config)
+    return _measured(state, here, displacement, view, frame.shape, config)
 
 
 def _of_filter(
@@ -264,16 +289,16 @@ def _measured(
     state: State,
     candidate: Candidate,
     displacement: Float[Array, "2"],
-    window: Float[Array, "lines_y lines_x"],
+    view: _View,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Candidate:
-    """The candidate with its scale, confidence and description.
+    """The candidate with its scale, angle, confidence and description.
 
-    window: [G_y + 1, G_x + 1]. displacement: [2], of the candidate from its middle, cells.
+    displacement: [2], of the candidate from the middle of the window, cells.
     """
     box, confidence, description = candidate.box, candidate.confidence, None
-    descriptions = _describe(window, displacement, config)
+    descriptions = _describe(view.window, displacement, config)
     similarity = jnp.ones_like(confidence)
     if state.verification and config.verification:
         description = _own_scale(descriptions)
@@ -286,7 +311,39 @@ def _measured(
             # Where the object is not recognised, behind something perhaps, it keeps its size.
             steps = jnp.where(confidence > config.verification.sure_above, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
-    return candidate._replace(box=box, confidence=confidence, description=description)
+    candidate = candidate._replace(box=box, confidence=confidence, description=description)
+    if not (state.rotation and state.verification and config.rotation):
+        return candidate._replace(rotation=state.rotation)
+    assert description is not None
+    rotated = rotation.follow(
+        state.rotation,
+        description,
+        state.verification.initial,
+        confidence,
+        view.window,
+        displacement,
+        cell_aspect(box, config),
+        config.rotation,
+        config.grid,
+    )
+    return candidate._replace(rotation=rotated)
+
+
+def _angle(state: State) -> Float[Array, ""] | None:
+    """By which the canvas is turned, None where it never is."""
+    return None if state.rotation is None else state.rotation.angle
+
+
+def _turn(
+    angle: Float[Array, ""] | None, box: Float[Array, "4"], config: Config
+) -> Float[Array, "2 2"] | None:
+    return None if angle is None else rotation.turn_by(angle, cell_aspect(box, config))
+
+
+def _polar(
+    view: _View, displacement: Float[Array, "2"], box: Float[Array, "4"], config: Config
+) -> Float[Array, "D angles"]:
+    return rotation.polar(view.window, displacement, cell_aspect(box, config), config.grid)
 
 
 def _rests(
@@ -308,7 +365,7 @@ def _followed(
             state.verification, best.description, best.box, jnp.array(True), config.verification
         )
         state = state._replace(verification=known)
-    return state._replace(box=best.box), best, jnp.zeros(len(LABELS), jnp.float32)
+    return _moved(state, best), best, jnp.zeros(len(LABELS), jnp.float32)
 
 
 def _catching_up(known: VerificationState | None, config: Config) -> Config:
@@ -356,7 +413,7 @@ def _learned(
             # What is the same in both, the features above all, is not copied.
             return old if new is old else jnp.where(learn, new, old)
 
-        chosen = jax.tree.map(choose, updated, state._replace(box=best.box))
+        chosen = jax.tree.map(choose, updated, _moved(state, best))
     return chosen._replace(verification=known), best._replace(confidence=confidence), noise
 
 
@@ -371,7 +428,7 @@ def _update(
     """The state that has learned the object from the window around its new box, and the noise."""
     values = responses(training_patches(view.window, best.box, frame_shape, config), state.pool)
     weak, strong, noise = _learn(values, state.weak, config)
-    updated = state._replace(box=best.box, weak=weak, strong=strong)
+    updated = _moved(state, best)._replace(weak=weak, strong=strong)
     if state.translation and config.translation:
         assert view.features is not None
         updated = updated._replace(
@@ -386,6 +443,11 @@ def _update(
     if state.scale and config.scale:
         updated = updated._replace(scale=scale.update(state.scale, descriptions, config.scale))
     return updated, noise
+
+
+def _moved(state: State, best: Candidate) -> State:
+    """The state that is where the candidate is."""
+    return state._replace(box=best.box, rotation=best.rotation)
 
 
 def _learn(
@@ -424,7 +486,7 @@ def check_state(state: Any, config: Config) -> None:
         raise ValueError(
             f"config.weak is {config.weak!r}, but the state was initialised with another rule"
         )
-    for name in ("translation", "colour", "scale", "verification"):
+    for name in ("translation", "colour", "scale", "rotation", "verification"):
         has, wants = getattr(state, name) is not None, getattr(config, name) is not None
         if has != wants:
             raise ValueError(
@@ -490,6 +552,8 @@ def _info(state: State, best: Candidate, noise: Float[Array, " R"], config: Conf
     if config.output_size == "initial":
         size = state.initial_size
         box = jnp.concatenate([box[:2] + (box[2:] - size) / 2, size])
+    if state.rotation:
+        box = rotation.hull(box, state.rotation.angle)
     # Smoothing rounds some scores to just outside.
     noisy_or, part_scores = (jnp.clip(x, 0, 1) for x in (best.noisy_or, best.part_scores))
     return StepInfo(box, confidence, noisy_or, part_scores, lost, noise)

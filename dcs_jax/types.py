@@ -99,6 +99,19 @@ class TranslationState(NamedTuple):
     first_frame: Filter
 
 
+class RotationState(NamedTuple):
+    """The rotation filter.
+
+    angle: [] float32 in [-pi, pi), radians, by which the object has turned since the first frame,
+        clockwise; 0 as long as it is upright. gain: [] float32, running mean of how much more it is
+        like its initial template turned back by that. first_frame: the filter, which never changes.
+    """
+
+    angle: Float[Array, ""]
+    gain: Float[Array, ""]
+    first_frame: Filter
+
+
 class ColourState(NamedTuple):
     """How frequent each colour is, by the number of its bin.
 
@@ -136,7 +149,8 @@ class State(NamedTuple):
 
     box: [4] float32, x, y, w, h in pixels, (x, y) the top-left corner: position and estimated size.
     initial_size: [2] float32, w and h of the initial box, pixels.
-    translation, colour, scale, verification: of the components; None where one is switched off.
+    translation, colour, scale, rotation, verification: of the components; None where one is
+        switched off.
     """
 
     box: Float[Array, "4"]
@@ -147,6 +161,7 @@ class State(NamedTuple):
     translation: TranslationState | None
     colour: ColourState | None
     scale: Filter | None
+    rotation: RotationState | None
     verification: VerificationState | None
 
 
@@ -156,7 +171,8 @@ class Candidate(NamedTuple):
     box: [4] float32, x, y, w, h in pixels. noisy_or: [], confidence: [] and part_scores: [K] as in
     `StepInfo`, but for the confidence, which is by the similarity alone. description: [D] float32,
     of its patch, a unit vector; None without verification. responses: [] float32, the sum of those
-    of the translation filter, as it is and as of the first frame; None without.
+    of the translation filter, as it is and as of the first frame; None without. rotation: of the
+    state after it; None without.
     """
 
     box: Float[Array, "4"]
@@ -165,6 +181,7 @@ class Candidate(NamedTuple):
     part_scores: Float[Array, " K"]
     description: Float[Array, " D"] | None = None
     responses: Float[Array, ""] | None = None
+    rotation: RotationState | None = None
 
 
 class StepInfo(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 import reference
 from reference.colour import ColourState
 from reference.filters import Filter
+from reference.rotation import RotationState
 from reference.translation import TranslationState
 from reference.verification import VerificationState
 
@@ -24,6 +25,7 @@ _GROUPS: dict[str, Any] = {
     "colour": reference.ColourHistograms,
     "scale": reference.ScaleFilter,
     "verification": reference.Verification,
+    "rotation": reference.RotationFilter,
     "redetection": reference.Redetection,
 }
 
@@ -98,6 +100,12 @@ def reference_at(state: dcs_jax.State, config: Config) -> reference.Tracker:
         )
     if state.scale and config.scale:
         tracker.scale = reference_filter(state.scale, (config.scale.num_scales,))
+    if state.rotation:
+        tracker.rotation = RotationState(
+            float(state.rotation.angle),
+            float(state.rotation.gain),
+            reference_filter(state.rotation.first_frame, (reference.rotation.ANGLES,)),
+        )
     if state.verification:
         initial, online, recent, box, num_missed, num_rested = state.verification
         tracker.verification = VerificationState(

@@ -7,6 +7,7 @@ other side of a threshold than in float64, and after such a vote two runs part.
 import dataclasses
 from typing import Any, NamedTuple
 
+import cv2
 import jax
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from dcs_jax import (
     ColourHistograms,
     Config,
     Redetection,
+    RotationFilter,
     ScaleFilter,
     TranslationFilter,
     Verification,
@@ -71,6 +73,21 @@ def rendered() -> Shown:
     return with_an_absence(17)
 
 
+def turning(shown: Shown) -> Shown:
+    """Its first frame, turned by 3 degrees a frame around the box."""
+    x, y, w, h = (float(number) for number in shown.box)
+    frames = [
+        cv2.warpAffine(
+            shown.frames[0],
+            cv2.getRotationMatrix2D((x + (w - 1) / 2, y + (h - 1) / 2), -3.0 * number, 1.0),
+            shown.frames.shape[2:0:-1],
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for number in range(FRAMES)
+    ]
+    return Shown(np.stack(frames), shown.box)
+
+
 def only(*components: str, **changes: Any) -> Config:
     """The small default with these components."""
     off: dict[str, Any] = {name: None for name in COMPONENTS if name not in components}
@@ -87,7 +104,7 @@ def initialised(shown: Shown, config: Config) -> dcs_jax.State:
     }
     whole = dataclasses.replace(config, output_size="estimated", **every)
     state = init(shown.frames[0], shown.box, jax.random.key(0), whole)
-    parts = ("translation", "colour", "scale", "verification")
+    parts = ("translation", "colour", "scale", "rotation", "verification")
     return state._replace(**{name: None for name in parts if getattr(config, name) is None})
 
 
@@ -110,6 +127,10 @@ def assert_same_state(found: reference.Tracker, expected: reference.Tracker):
         # But for pixels whose place is rounded the other way.
         assert np.abs(np.asarray(part) - wanted).sum() < 0.02
     assert_same_spectra(found.scale or (), expected.scale or ())
+    assert (found.rotation is None) == (expected.rotation is None)
+    if found.rotation and expected.rotation:
+        np.testing.assert_allclose(found.rotation[:2], expected.rotation[:2], atol=2e-3)
+        assert_same_spectra(found.rotation.first_frame, expected.rotation.first_frame)
     assert (found.verification is None) == (expected.verification is None)
     if found.verification and expected.verification:
         for name, wanted in expected.verification._asdict().items():
@@ -179,6 +200,22 @@ def test_30_frames_of_a_real_sequence_are_those_of_the_reference(real, config):
     assert_same_steps(real, config)
 
 
+@pytest.mark.parametrize(
+    "config",
+    [
+        only("rotation", "verification"),
+        SMALL_DEFAULT,
+    ],
+    ids=["rotation-verification", "all"],
+)
+def test_30_frames_of_an_object_that_turns_are_those_of_the_reference(rendered, config):
+    clip = turning(rendered)
+    infos = assert_same_steps(clip, config)
+    assert infos[-1].confidence > 0.9
+    # By 90 degrees: it is now as wide as it was high.
+    assert infos[-1].box[2] / infos[-1].box[3] > 1.1
+
+
 @each
 def test_30_frames_with_an_absence_are_those_of_the_reference(rendered, config):
     infos = assert_same_steps(rendered, config)
@@ -206,6 +243,9 @@ def test_every_number_of_the_settings_counts_as_in_the_reference():
         translation=TranslationFilter(weight=6.0, learning_rate=0.2, first_frame=0.1),
         colour=ColourHistograms(weight=8.0, learning_rate=0.3),
         scale=ScaleFilter(learning_rate=0.2, initial_pull=0.9),
+        rotation=RotationFilter(
+            similar_above=0.3, gain_above=0.02, gain_below=0.01, follow_above=0.5
+        ),
         # Once lost, the object is never held again, and outdone elsewhere.
         verification=Verification(
             middle=0.5,

@@ -20,7 +20,7 @@ SHAPE = (240, 320)
 CONFIG = Config()
 BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
 REACHED = canvas_box(BOX, CONFIG)[2:] * (CONFIG.window_factor - 1)
-LOOK = jax.tree_util.Partial(lambda box: box)
+LOOK = jax.tree_util.Partial(lambda box, angle: box)
 RESTS = jax.tree_util.Partial(lambda candidate: jnp.array(False))
 
 
@@ -81,7 +81,9 @@ def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, her
         return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
     localise = jax.tree_util.Partial(best, jnp.array([here, there]))
-    found, seen = redetection.search(LOOK, localise, RESTS, BOX, missed(num_missed), SHAPE, CONFIG)
+    found, seen = redetection.search(
+        LOOK, localise, RESTS, BOX, None, missed(num_missed), SHAPE, CONFIG
+    )
     # What is seen is that around the candidate, to learn from.
     np.testing.assert_array_equal(seen, found.box)
     assert bool((found.box != BOX).any()) == taken
@@ -95,7 +97,9 @@ def test_what_is_not_learned_from_is_not_looked_at(num_missed):
 
     sure = jax.tree_util.Partial(lambda candidate: candidate.confidence > 0.9)
     localise = jax.tree_util.Partial(best)
-    found, seen = redetection.search(LOOK, localise, sure, BOX, missed(num_missed), SHAPE, CONFIG)
+    found, seen = redetection.search(
+        LOOK, localise, sure, BOX, None, missed(num_missed), SHAPE, CONFIG
+    )
     np.testing.assert_array_equal(found.box, BOX + 1)
     assert (seen != found.box).any()
 
@@ -108,7 +112,7 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, REACHED)
     localise = jax.tree_util.Partial(here_only, target)
     found = [
-        redetection.search(LOOK, localise, RESTS, BOX, missed(frames), SHAPE, config)[0]
+        redetection.search(LOOK, localise, RESTS, BOX, None, missed(frames), SHAPE, config)[0]
         for frames in range(1, 6)
     ]
     assert [there.confidence > 0.9 for there in found] == [False, False, True, False, False]
@@ -133,7 +137,7 @@ def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, ther
     localise = jax.tree_util.Partial(best, list(jnp.array([here, there])))
     config = Config(redetection=settings)
     known = missed(num_missed, verified)
-    found, seen = redetection.search(LOOK, localise, RESTS, BOX, known, SHAPE, config)
+    found, seen = redetection.search(LOOK, localise, RESTS, BOX, None, known, SHAPE, config)
     np.testing.assert_array_equal(found.box, verified if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)
 
@@ -154,7 +158,7 @@ def test_what_is_not_recognised_is_looked_for_by_the_first_frame(num_missed, her
 
     localise = jax.tree_util.Partial(best, jnp.array([here, by_first]))
     elsewhere = missed(num_missed, BOX + 50)
-    found, seen = redetection.search(LOOK, localise, RESTS, BOX, elsewhere, SHAPE, CONFIG)
+    found, seen = redetection.search(LOOK, localise, RESTS, BOX, None, elsewhere, SHAPE, CONFIG)
     np.testing.assert_array_equal(found.box, BOX + 5 if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)
 
@@ -165,5 +169,5 @@ def test_without_a_filter_there_is_no_other_look_by_the_first_frame():
 
     config = Config(translation=None)
     localise = jax.tree_util.Partial(best)
-    found, _ = redetection.search(LOOK, localise, RESTS, BOX, missed(0), SHAPE, config)
+    found, _ = redetection.search(LOOK, localise, RESTS, BOX, None, missed(0), SHAPE, config)
     assert found.confidence == pytest.approx(0.1)

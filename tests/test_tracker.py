@@ -354,7 +354,7 @@ def test_a_native_canvas_must_be_resolved_first(clip):
         dcs_jax.init(clip.frames[0], clip.boxes[0], jax.random.key(0), Config.paper())
 
 
-@pytest.mark.parametrize("name", ["translation", "colour", "scale", "verification"])
+@pytest.mark.parametrize("name", ["translation", "colour", "scale", "rotation", "verification"])
 def test_state_and_settings_must_have_the_same_components(clip, name):
     changes = {name: None} | ({"redetection": None} if name == "verification" else {})
     without = dataclasses.replace(SMALL_DEFAULT, **changes)

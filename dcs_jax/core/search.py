@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS_OF_BOXES, responses
 from dcs_jax.core.weak import vote
-from dcs_jax.core.window import canvas_box, reach
+from dcs_jax.core.window import canvas_box, reach, turned
 from dcs_jax.types import Pool, Scalar, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
@@ -140,6 +140,7 @@ def find_peak(
     *,
     subcell: bool,
     middle: Int32[Array, "2"],
+    turn: Float[Array, "2 2"] | None = None,
 ) -> Float[Array, "2"]:
     """Displacement of the object from the last box: [2] down and right, cells.
 
@@ -151,10 +152,11 @@ def find_peak(
     middle: [2], displacement of the search window from the last box, down and right, cells.
     subcell: whether a single best position is refined by a parabola through its neighbours, for a
         score map that is smooth.
+    turn: [2, 2], how the canvas is turned (`extensions.rotation`); displacements are on it.
     """
     down, right = displacements(config.search_grid, middle)
     down, right = down[:, None], right[None, :]
-    score, best, nearest = best_positions(score_map, down, right, box, frame_shape, config)
+    score, best, nearest = best_positions(score_map, down, right, box, frame_shape, config, turn)
     seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
@@ -188,10 +190,12 @@ def best_positions(
     box: Float[Array, "4"],
     frame_shape: tuple[int, ...],
     config: Config,
+    turn: Float[Array, "2 2"] | None = None,
 ) -> tuple[Float[Array, "rows columns"], Bool[Array, "rows columns"], Int32[Array, ""]]:
     """The score with the motion prior, which positions share the best, and one of these.
 
-    down, right: displacements of the positions from the last box, cells. box: [4], the last one.
+    down, right: displacements of the positions from the last box, cells, on a canvas that is turned
+    so (`extensions.rotation`). box: [4], the last one.
     Returns score_map - prior * d^2 / (w h), with d in pixels, and -inf where the box may not be
     (`reach`); where that is at its best; and of these positions the number of the least displaced.
     """
@@ -199,6 +203,8 @@ def best_positions(
     rows, columns = config.grid.rows, config.grid.columns
     squared = (down / rows) ** 2 * (h / w) + (right / columns) ** 2 * (w / h)
     low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
+    if turn is not None:
+        down, right = turned(turn, down, right)
     allowed = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])
     score = jnp.where(allowed, score_map - config.prior * squared, -jnp.inf)
     best = score >= score.max() - _PLATEAU

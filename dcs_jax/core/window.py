@@ -116,13 +116,17 @@ def window_integral(
 
 @jax.named_scope("colours")
 def window_colours(
-    frame: VideoFrame | ColumnSums, box: Float[Array, "4"], grid: Grid, side: int
+    frame: VideoFrame | ColumnSums,
+    box: Float[Array, "4"],
+    grid: Grid,
+    side: int,
+    turn: Float[Array, "2 2"] | None = None,
 ) -> UInt8[Array, "Y X 3"] | None:
     """The colours in the window around a box: of one pixel in every side x side of its cells.
 
     The one in their middle; outside the frame the nearest one. None where the video has none.
 
-    box: [4] x, y, w, h in pixels.
+    box: [4] x, y, w, h in pixels. turn: [2, 2], how the canvas is turned (`extensions.rotation`).
     """
     pixels = frame.pixels if isinstance(frame, ColumnSums) else frame
     if pixels is None or len(pixels.shape) == 2:
@@ -132,9 +136,12 @@ def window_colours(
         side * (np.arange(count // side) - (count // side - 1) / 2) for count in grid.window
     )
     height, width, _ = pixels.shape
-    row = _pixel(y + h / 2 + h / grid.rows * jnp.asarray(rows, jnp.float32), height)
-    column = _pixel(x + w / 2 + w / grid.columns * jnp.asarray(columns, jnp.float32), width)
-    return pixels.frames[pixels.number, row[:, None], column[None]]
+    down, right = jnp.asarray(rows, jnp.float32)[:, None], jnp.asarray(columns, jnp.float32)[None]
+    if turn is not None:
+        down, right = turned(turn, down, right)
+    row = _pixel(y + h / 2 + h / grid.rows * down, height)
+    column = _pixel(x + w / 2 + w / grid.columns * right, width)
+    return pixels.frames[pixels.number, row, column]
 
 
 def _block_shapes(height: int, width: int) -> list[tuple[int, int]]:
@@ -236,7 +243,7 @@ def _block(
 
 
 def _with_sums(grey: Int32[Array, "rows columns"]) -> ColumnSums:
-    return ColumnSums(grey, _sums_before(grey))
+    return ColumnSums(grey, sums_before(grey))
 
 
 def _places(
@@ -293,7 +300,7 @@ def _resample(
 
     down = jax.lax.map(down_to, line_y)  # [G_y + 1, W]
     lines = (down - down[:1]).T
-    before = _sums_before(lines)
+    before = sums_before(lines)
 
     def right_to(line: Float[Array, ""]) -> Float[Array, " lines_y"]:
         column = _pixel(line, columns)
@@ -303,7 +310,7 @@ def _resample(
     return (integral - integral[:1]).T
 
 
-def _sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:
+def sums_before(values: Shaped[Array, "lines *line"]) -> Shaped[Array, "lines *line"]:
     """Sum of all lines before each one along the first axis: [lines, ...].
 
     On the CPU a loop over contiguous lines takes a ninth of the time of `jnp.cumsum`.
@@ -335,6 +342,20 @@ def canvas_box(box: Float[Array, "4"], config: Config) -> Float[Array, "4"]:
     x, y, w, h = box
     wider = (h / w) ** (config.squareness / 2)
     return jnp.stack([x + w * (1 - wider) / 2, y + h * (1 - 1 / wider) / 2, w * wider, h / wider])
+
+
+def cell_aspect(box: Float[Array, "4"], config: Config) -> Float[Array, ""]:
+    """Height of a canvas cell over its width: []; box: [4] x, y, w, h in pixels."""
+    _, _, w, h = canvas_box(box, config)
+    return h * config.grid.columns / (w * config.grid.rows)
+
+
+def turned(
+    turn: Float[Array, "2 2"], down: Float[Array, "*downs"], right: Float[Array, "*rights"]
+) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:
+    """Displacements on a canvas that is turned as those in the frame: down and right, cells."""
+    of_row, of_column = turn
+    return (of_row[0] * down + of_row[1] * right, of_column[0] * down + of_column[1] * right)
 
 
 def _pixel(line: Float[Array, "*lines"], pixels: int) -> Int32[Array, "*lines"]:

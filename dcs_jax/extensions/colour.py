@@ -46,10 +46,16 @@ def init(
 
 
 def look(
-    frame: VideoFrame | ColumnSums, box: Float[Array, "4"], grid: Grid
+    frame: VideoFrame | ColumnSums,
+    box: Float[Array, "4"],
+    grid: Grid,
+    turn: Float[Array, "2 2"] | None = None,
 ) -> UInt8[Array, "Y X 3"] | None:
-    """What the cue sees around a box as the canvas shows it, or None in a video without colour."""
-    return window_colours(frame, box, grid, _side(grid))
+    """What the cue sees around a box as the canvas shows it, or None in a video without colour.
+
+    turn: [2, 2], how the canvas is turned (`extensions.rotation`).
+    """
+    return window_colours(frame, box, grid, _side(grid), turn)
 
 
 @jax.named_scope("colour")

@@ -48,10 +48,11 @@ def describe(
     sums = jnp.einsum("syg,gh->syh", between(0), part)
     means = jnp.einsum("syh,sxh->syx", sums, between(1))
     cells = sides.prod() * np.square(factors / SIDE)
-    return jax.vmap(_describe)(means / jnp.asarray(cells, jnp.float32)[:, None, None])
+    return jax.vmap(describe_patch)(means / jnp.asarray(cells, jnp.float32)[:, None, None])
 
 
-def _describe(patch: Float[Array, "side side"]) -> Float[Array, " D"]:
+def describe_patch(patch: Float[Array, "side side"]) -> Float[Array, " D"]:
+    """The description of a patch that is resampled already, of 32 x 32 grey values: [D]."""
     cells = gradient_cells(patch, _CELL)
     # Of each orientation: where one prevails, as in a narrow box, all patches would look alike.
     cells -= cells.mean((1, 2), keepdims=True)

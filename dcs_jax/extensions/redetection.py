@@ -19,6 +19,7 @@ def search(
     localise: jax.tree_util.Partial,
     rests: jax.tree_util.Partial,
     box: Float[Array, "4"],
+    angle: Float[Array, ""] | None,
     known: VerificationState | None,
     frame_shape: tuple[int, ...],
     config: Config,
@@ -33,9 +34,10 @@ def search(
     learned from: what it takes to look and to localise is compiled once.
 
     known: the state of the verification, None without.
-    look: from a box to what is seen of the frame around it. localise: from a box, what is seen
-        there and whether by the first frame alone to the candidate. rests: from the candidate to
-        whether it is not learned from. Pytrees of what they need.
+    angle: of the canvas, None without a rotation filter.
+    look: from a box and an angle to what is seen of the frame around it. localise: from a box, what
+        is seen there and whether by the first frame alone to the candidate. rests: from the
+        candidate to whether it is not learned from. Pytrees of what they need.
     Returns the candidate and what is seen around it, or, if it is not learned from, elsewhere.
     """
     settings = config.redetection
@@ -56,6 +58,7 @@ def search(
         localise: jax.tree_util.Partial,
         rests: jax.tree_util.Partial,
         box: Float[Array, "4"],
+        angle: Float[Array, ""] | None,
         verified: Float[Array, "4"],
         reached: Float[Array, "2"],
         num_missed: Int32[Array, ""],
@@ -79,7 +82,11 @@ def search(
             places = jnp.stack([box, box, verified, others, best.box])
             place = places[jnp.where(number == last, 4, jnp.minimum(number, 3))]
             least = jnp.where(number < 3, sure_above, accept_above)
-            seen = look(place)
+
+            def of_last(new: Float[Array, ""], old: Float[Array, ""]) -> Float[Array, ""]:
+                return jnp.where(number == last, new, old)
+
+            seen = look(place, jax.tree.map(of_last, best.rotation and best.rotation.angle, angle))
 
             def search_there() -> Candidate:
                 other = localise(place, seen, number == 1)
@@ -90,14 +97,14 @@ def search(
             best = jax.lax.cond(number == last, lambda: best, search_there)
             return number + 1, jnp.where(number == 0, turns(best), last), best, seen
 
-        seen = jax.eval_shape(look, box)
+        seen = jax.eval_shape(look, box, angle)
         shapes = jax.eval_shape(localise, box, seen, num_missed > 0), seen
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
         return jax.lax.while_loop(goes_on, turn, (jnp.int32(0), jnp.int32(1), *nothing))[2:]
 
     reached = canvas_box(verified, config)[2:] * (config.window_factor - 1)
     limits = jnp.float32(lost_below), jnp.float32(sure_above), jnp.float32(accept_above)
-    given = look, localise, rests, box, verified, reached, num_missed, *limits
+    given = look, localise, rests, box, angle, verified, reached, num_missed, *limits
     return search_all(*jax.tree.map(jnp.asarray, given))
 
 

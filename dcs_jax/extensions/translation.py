@@ -81,6 +81,7 @@ def search_middle(
     frame_shape: tuple[int, ...],
     config: Config,
     more: Callable[[Float[Array, " n"], Float[Array, " m"]], Float[Array, "n m"]] | None = None,
+    turn: Float[Array, "2 2"] | None = None,
 ) -> Int32[Array, "2"]:
     """Where the filter says that the votes should be asked: [2] down and right, cells.
 
@@ -88,7 +89,8 @@ def search_middle(
     leave the one that the filter sees: a displacement of the search window from the last box.
 
     response: as of `respond`. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
-    more: another cue's score at displacements down [n] and right [m], cells.
+    more: another cue's score at displacements down [n] and right [m], cells. turn: [2, 2], how the
+    canvas is turned (`extensions.rotation`).
     """
     grid, searched, cell = config.grid, config.search_grid, _cell(config.grid)
     rows, columns = _shape(grid)
@@ -102,7 +104,7 @@ def search_middle(
     if more is not None:
         scores += more(down, right)
     down, right = down[:, None], right[None, :]
-    _, _, nearest = best_positions(scores, down, right, box, frame_shape, config)
+    _, _, nearest = best_positions(scores, down, right, box, frame_shape, config, turn)
     row, column = jnp.divmod(nearest, scores.shape[1])
     return cell * jnp.stack([row - limits[0], column - limits[1]])
 

@@ -13,7 +13,17 @@ function, so that each can be compared. The features are passed in. A component 
 a module, the functions of the paper's own part stand here.
 """
 
-from . import colour, descriptors, filters, gradients, redetection, scale, translation, verification
+from . import (
+    colour,
+    descriptors,
+    filters,
+    gradients,
+    redetection,
+    rotation,
+    scale,
+    translation,
+    verification,
+)
 from .haar import Box, boxes_of, cell_weights, haar_map, haar_response, parts_of
 from .records import (
     Candidate,
@@ -22,6 +32,7 @@ from .records import (
     Maps,
     Pool,
     Redetection,
+    RotationFilter,
     ScaleFilter,
     Settings,
     StepInfo,
@@ -58,7 +69,7 @@ from .weak import (
     vote_midpoint,
     votes,
 )
-from .window import cell_means, grey, integral, shown_box, window_cells
+from .window import cell_aspect, cell_means, grey, integral, shown_box, turned, window_cells
 
 __all__ = [
     "LABELS",
@@ -69,6 +80,7 @@ __all__ = [
     "Maps",
     "Pool",
     "Redetection",
+    "RotationFilter",
     "ScaleFilter",
     "Settings",
     "StepInfo",
@@ -77,6 +89,7 @@ __all__ = [
     "Verification",
     "bag_log_likelihood",
     "boxes_of",
+    "cell_aspect",
     "cell_means",
     "cell_weights",
     "colour",
@@ -105,6 +118,7 @@ __all__ = [
     "peak",
     "reachable",
     "redetection",
+    "rotation",
     "scale",
     "score_map",
     "select_error",
@@ -119,6 +133,7 @@ __all__ = [
     "training_positions",
     "training_responses",
     "translation",
+    "turned",
     "verification",
     "vote_gaussian",
     "vote_midpoint",

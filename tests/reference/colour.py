@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .records import Floats, Grid, Integers, Settings
-from .window import shown_box
+from .window import cell_aspect, shown_box, turned
 
 BINS = 16  # a brightness and two differences of channels have
 LARGEST = 64  # difference that has a bin of its own
@@ -100,8 +100,13 @@ def histograms(colours: np.ndarray, box: Floats, settings: Settings) -> tuple[Fl
     return inside / max(inside.sum(), 1), outside / max(outside.sum(), 1)
 
 
-def window_colours(frame: np.ndarray, box: Floats, settings: Settings) -> np.ndarray | None:
-    """The pixels in the middle of blocks of the window's cells, [Y, X, 3]; None of a grey frame."""
+def window_colours(
+    frame: np.ndarray, box: Floats, settings: Settings, angle: float = 0.0
+) -> np.ndarray | None:
+    """The pixels in the middle of blocks of the window's cells, [Y, X, 3]; None of a grey frame.
+
+    angle: by which the canvas is turned.
+    """
     if frame.ndim == 2:
         return None
     grid, step = settings.grid, spacing(settings.grid)
@@ -110,7 +115,8 @@ def window_colours(frame: np.ndarray, box: Floats, settings: Settings) -> np.nda
     colours = np.zeros((rows, columns, 3), np.uint8)
     for i in range(rows):
         for j in range(columns):
-            down, across = step * place(i, rows), step * place(j, columns)
+            on_canvas = step * np.array([place(i, rows), place(j, columns)])
+            down, across = turned(on_canvas, angle, cell_aspect(box, settings))
             row = math.floor(y + height / 2 + down * height / grid.rows)
             column = math.floor(x + width / 2 + across * width / grid.columns)
             row = min(max(row, 0), frame.shape[0] - 1)

@@ -18,7 +18,12 @@ def describe(cells: Floats, displacement: Floats, factor: float, grid: Grid) -> 
     """
     down = overlaps(grid.rows * factor, displacement[0], cells.shape[0])
     across = overlaps(grid.columns * factor, displacement[1], cells.shape[1])
-    gradients = gradient_cells(down @ cells @ across.T, CELL)
+    return describe_patch(down @ cells @ across.T)
+
+
+def describe_patch(patch: Floats) -> Floats:
+    """Unit vector [D] of a patch of 32 x 32 pixels."""
+    gradients = gradient_cells(patch, CELL)
     vector = np.concatenate([cells.ravel() - cells.mean() for cells in gradients])
     return vector / np.sqrt((vector**2).sum() + LEAST_SQUARE)
 

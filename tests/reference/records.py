@@ -17,7 +17,7 @@ Dimensions, used in every docstring of the reference:
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,7 @@ class Candidate(NamedTuple):
     """Where in a frame the object may be: box [4], description [D], the rest as in `StepInfo`.
 
     confidence: by the similarity alone. responses: of the translation filter, NaN without.
+    rotation: the state after it, None without.
     """
 
     box: Floats
@@ -63,6 +64,7 @@ class Candidate(NamedTuple):
     part_scores: Floats
     description: Floats
     responses: float
+    rotation: Any  # `rotation.RotationState`, whose module needs this one
 
 
 class StepInfo(NamedTuple):
@@ -157,6 +159,16 @@ class Verification:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RotationFilter:
+    """similar_above, gain_above: what an object that is upright needs to count as turned."""
+
+    similar_above: float
+    gain_above: float
+    gain_below: float
+    follow_above: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Redetection:
     """windows: further search windows in a frame."""
 
@@ -169,7 +181,7 @@ class Settings:
     """What one run is set to: the fields of `dcs_jax.config.Config`, which says what they mean.
 
     canvas: cells per side of the object, or (rows, columns). translation, colour, scale,
-    verification, redetection: None where the component is switched off.
+    verification, redetection, rotation: None where the component is switched off.
     """
 
     canvas: int | tuple[int, int]
@@ -193,6 +205,7 @@ class Settings:
     scale: ScaleFilter | None
     verification: Verification | None
     redetection: Redetection | None
+    rotation: RotationFilter | None
 
     @property
     def grid(self) -> Grid:

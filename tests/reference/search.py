@@ -4,7 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from .records import Floats, Grid, Integers, Settings
-from .window import shown_box
+from .window import cell_aspect, shown_box, turned
 
 PLATEAU = 1e-3  # scores this close to the highest belong to the peak
 
@@ -34,11 +34,12 @@ def with_motion_prior(
     reach: tuple[tuple[int, int], tuple[int, int]],
     settings: Settings,
     middle: Integers = HERE,
+    angle: float = 0.0,
 ) -> Floats:
     """The score map less prior * d^2 / (w h), minus infinity where the object cannot be.
 
     score_map: [Cy, Cx]. box: [4], the last one. reach: from `reachable`. middle: [2], see
-    `squared_distances`. Returns [Cy, Cx].
+    `squared_distances`. angle: by which the canvas is turned. Returns [Cy, Cx].
     """
     _, _, width, height = box
     grid, distances = settings.search_grid, squared_distances(box, settings, middle)
@@ -46,7 +47,8 @@ def with_motion_prior(
     (low_y, high_y), (low_x, high_x) = reach
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
-            y, x = middle[0] + i - grid.margin_rows, middle[1] + j - grid.margin_columns
+            on_canvas = middle + np.array([i - grid.margin_rows, j - grid.margin_columns])
+            y, x = turned(on_canvas, angle, cell_aspect(box, settings))
             if not (low_y <= y <= high_y and low_x <= x <= high_x):
                 scores[i, j] = -np.inf
     return scores
@@ -84,9 +86,17 @@ def parabola_peak(before: float, here: float, after: float) -> float:
 
 
 def move(
-    box: Floats, displacement: Floats, frame_shape: tuple[int, ...], settings: Settings
+    box: Floats,
+    displacement: Floats,
+    frame_shape: tuple[int, ...],
+    settings: Settings,
+    angle: float = 0.0,
 ) -> Floats:
-    """The box [4] moved by so many cells (down, across), its centre clipped into the frame."""
+    """The box [4] moved by so many cells (down, across) of a canvas that is turned by an angle.
+
+    Its centre is clipped into the frame.
+    """
+    displacement = turned(displacement, angle, cell_aspect(box, settings))
     x, y, width, height = box
     _, _, shown_width, shown_height = shown_box(box, settings.squareness)
     centre_x = x + displacement[1] * shown_width / settings.grid.columns + width / 2

@@ -9,16 +9,27 @@ from typing import Self
 
 import numpy as np
 
-from . import colour, redetection, scale, selection, strong, translation, verification, weak
+from . import (
+    colour,
+    redetection,
+    rotation,
+    scale,
+    selection,
+    strong,
+    translation,
+    verification,
+    weak,
+)
 from .colour import ColourState
 from .descriptors import describe_scales
 from .filters import Filter
 from .records import Candidate, Floats, Integers, Maps, Pool, Settings, StepInfo
+from .rotation import RotationState
 from .samples import LABELS, reachable, training_positions, training_responses
 from .search import move, nearest_position, peak, squared_distances, with_motion_prior
 from .translation import TranslationState
 from .verification import VerificationState
-from .window import integral, shown_box, window_cells
+from .window import cell_aspect, integral, shown_box, window_cells
 
 HERE = np.zeros(2)  # no displacement
 
@@ -32,7 +43,8 @@ class Tracker:
     means: [F, 2], column 0 background, column 1 object. sigma: [F, 2], or None with "midpoint".
     variance: [2], P of each class, or one number for both. correct, wrong: [F], from 1.
     selected: [K, N] in [0, M). alpha: [K, N].
-    translation, colour, scale, verification: of the components, None where one is switched off.
+    translation, colour, scale, verification, rotation: of the components, None where one is
+        switched off.
     The arrays are copied; the copies are float64 (indices int64). None is changed in place.
     """
 
@@ -51,6 +63,7 @@ class Tracker:
     colour: ColourState | None = None
     scale: Filter | None = None
     verification: VerificationState | None = None
+    rotation: RotationState | None = None
 
     def __post_init__(self) -> None:
         self.box = np.array(self.box, np.float64)
@@ -103,6 +116,8 @@ class Tracker:
             tracker.scale = scale.init(descriptions)
         if settings.verification:
             tracker.verification = verification.init(own_scale(descriptions), tracker.box)
+        if settings.rotation:
+            tracker.rotation = rotation.init(tracker.polar(cells, HERE))
         return tracker
 
     def step(self, frame: np.ndarray) -> StepInfo:
@@ -115,11 +130,11 @@ class Tracker:
             self.keep_up(best)
         else:
             # Line 4 and Algorithm 2: what there is to learn at the new position.
-            updated = replace(self, box=best.box)
-            cells = self.window(frame, best.box)
+            updated = replace(self, box=best.box, rotation=best.rotation)
+            cells = updated.window(frame, best.box)
             noise = updated.update(cells, frame)
             if settings:
-                confidence = self.verify(cells, updated)
+                confidence = self.verify(cells, updated, best)
             else:
                 self.become(updated)
         if settings and self.settings.translation:
@@ -144,7 +159,7 @@ class Tracker:
         row, column = nearest_position(displacement, settings.search_grid) - middle
         noisy_or = float(1 - np.exp(-maps.score_map[row, column]))
 
-        box = move(box, displacement, frame.shape, settings)
+        box = move(box, displacement, frame.shape, settings, self.angle)
         descriptions = self.describe(cells, displacement)
         confidence, pull, keep_size = math.nan, 0.0, False
         description = own_scale(descriptions)
@@ -163,7 +178,32 @@ class Tracker:
         if self.translation and settings.translation:
             responses = translation.responses(self.translation, cells, displacement, settings.grid)
         part_scores = maps.probabilities[:, row, column]
-        return Candidate(box, confidence, noisy_or, part_scores, description, responses)
+        rotated = self.turned(cells, displacement, confidence)
+        return Candidate(box, confidence, noisy_or, part_scores, description, responses, rotated)
+
+    def turned(
+        self, cells: Floats, displacement: Floats, confidence: float
+    ) -> RotationState | None:
+        """The state of the rotation filter after a frame in which the object is there.
+
+        cells: [Gy, Gx], of the turned window. displacement: [2], from its middle, cells.
+        """
+        state, known, settings = self.rotation, self.verification, self.settings.rotation
+        if not (state and known and settings):
+            return None
+        aspect = cell_aspect(self.box, self.settings)
+
+        def similarity(angle: float) -> float:
+            if angle == 0:
+                description = own_scale(self.describe(cells, displacement))
+            else:
+                description = rotation.describe_turned(
+                    cells, displacement, angle, aspect, self.settings.grid
+                )
+            return float(known.initial @ description)
+
+        features = self.polar(cells, displacement)
+        return rotation.follow(state, features, similarity, confidence, settings)
 
     def search(self, frame: np.ndarray, cells: Floats, box: Floats) -> tuple[Maps, Integers]:
         """What there is at every position in the search window within [Gy, Gx] around a box.
@@ -185,7 +225,9 @@ class Tracker:
 
         if self.translation and settings.translation:
             response = translation.respond(self.translation, cells, settings.translation, whole)
-            middle = translation.search_middle(response, by_colour, box, frame.shape, settings)
+            middle = translation.search_middle(
+                response, by_colour, box, frame.shape, settings, self.angle
+            )
         top = whole.margin_rows - grid.margin_rows + middle[0]
         left = whole.margin_columns - grid.margin_columns + middle[1]
         height, width = grid.window
@@ -214,7 +256,7 @@ class Tracker:
                 at = np.array([i - grid.margin_rows, j - grid.margin_columns])
                 scores[i, j] += by_colour(middle + at)
         reach = reachable(box, frame.shape, settings)
-        scores = with_motion_prior(scores, box, reach, settings, middle)
+        scores = with_motion_prior(scores, box, reach, settings, middle, self.angle)
         return Maps(probabilities, score_map, scores), middle
 
     def search_elsewhere(self, frame: np.ndarray, best: Candidate) -> Candidate:
@@ -299,12 +341,12 @@ class Tracker:
         state, settings = self.verification, self.settings.verification
         assert state
         assert settings
-        self.box = best.box
+        self.box, self.rotation = best.box, best.rotation
         self.verification, _, _ = verification.update(
             state, best.description, best.box, True, settings
         )
 
-    def verify(self, cells: Floats, updated: Self) -> float:
+    def verify(self, cells: Floats, updated: Self, best: Candidate) -> float:
         """Become the updated track only if the object is verified well enough to be learned.
 
         The box is that of the candidate all the same. Returns the confidence.
@@ -320,7 +362,7 @@ class Tracker:
         )
         if learn:
             self.become(updated)
-        self.box = updated.box
+        self.box, self.rotation = best.box, best.rotation
         self.verification = state
         return confidence
 
@@ -333,10 +375,11 @@ class Tracker:
 
     def output(self, box: Floats) -> Floats:
         """The box [4] that is reported: as estimated, or of the initial size around its centre."""
-        if self.settings.output_size == "estimated":
-            return box.copy()
-        centre = box[:2] + box[2:] / 2
-        return np.concatenate([centre - self.initial_size / 2, self.initial_size])
+        centre, size = box[:2] + box[2:] / 2, box[2:]
+        if self.settings.output_size == "initial":
+            size = self.initial_size
+        box = np.concatenate([centre - size / 2, size])
+        return rotation.hull(box, self.angle) if self.angle else box
 
     def training_samples(self, cells: Floats, frame_shape: tuple[int, ...]) -> Floats:
         """Values [F, L] of all features on the training samples in the window around the box."""
@@ -390,19 +433,32 @@ class Tracker:
     def window(self, frame: np.ndarray, box: Floats) -> Floats:
         """The cells [Gy, Gx] of the window around a box."""
         shown = shown_box(box, self.settings.squareness)
-        return window_cells(frame, shown, self.settings.grid)
+        cells = window_cells(frame, shown, self.settings.grid)
+        if self.angle == 0:
+            return cells
+        return rotation.turned_cells(cells, self.angle, cell_aspect(box, self.settings))
+
+    @property
+    def angle(self) -> float:
+        """By which the canvas is turned."""
+        return self.rotation.angle if self.rotation else 0.0
 
     def colours(self, frame: np.ndarray, box: Floats) -> np.ndarray | None:
         """The colours in the window around a box; None of a grey frame, or where none are asked."""
         if self.settings.colour is None:
             return None
-        return colour.window_colours(frame, box, self.settings)
+        return colour.window_colours(frame, box, self.settings, self.angle)
 
     def describe(self, cells: Floats, displacement: Floats) -> Floats:
         """The patch there at S scales, or at its own if there is no scale filter: [S, D]."""
         return describe_scales(
             cells, displacement, scale.factors(self.settings.scale), self.settings.grid
         )
+
+    def polar(self, cells: Floats, displacement: Floats) -> Floats:
+        """What the rotation filter sees there, [D, A]."""
+        aspect = cell_aspect(self.box, self.settings)
+        return rotation.polar(cells, displacement, aspect, self.settings.grid)
 
     def become(self, other: Self) -> None:
         """Take over all that another track remembers."""

@@ -11,7 +11,7 @@ from .gradients import gradient_cells
 from .records import Floats, Grid, Integers, Settings, TranslationFilter
 from .samples import reachable
 from .search import PLATEAU
-from .window import shown_box
+from .window import cell_aspect, shown_box, turned
 
 CELLS = 10  # of the filter along the object's shorter side
 SIGMA = 1 / 16  # of the desired output, in sides of the object
@@ -46,11 +46,14 @@ def search_middle(
     box: Floats,
     frame_shape: tuple[int, ...],
     settings: Settings,
+    angle: float = 0.0,
 ) -> Integers:
     """Displacement [2] (down, across), canvas cells, of the search window from the last box.
 
     The cell of the best response and `more`, of a displacement [2], less the motion prior, the
     nearest one of equals, among those around which the search window does not leave the filter's.
+
+    angle: by which the canvas is turned.
     """
     grid, searched, cell = settings.grid, settings.search_grid, cell_side(settings.grid)
     values = np.fft.ifft2(spectrum).real
@@ -61,11 +64,13 @@ def search_middle(
     found = []
     for i in range(-most_down, most_down + 1):
         for j in range(-most_across, most_across + 1):
-            if low_y <= i * cell <= high_y and low_x <= j * cell <= high_x:
+            on_canvas = cell * np.array([i, j])
+            y, x = turned(on_canvas, angle, cell_aspect(box, settings))
+            if low_y <= y <= high_y and low_x <= x <= high_x:
                 down = i * cell * height / grid.rows
                 across = j * cell * width / grid.columns
                 distance = (down**2 + across**2) / (width * height)
-                value = values[i, j] + more(cell * np.array([i, j]))
+                value = values[i, j] + more(on_canvas)
                 found.append((value - settings.prior * distance, distance, i, j))
     best = max(found)[0]
     _, _, i, j = min((one for one in found if one[0] >= best - PLATEAU), key=lambda one: one[1])

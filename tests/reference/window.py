@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .records import Floats, Grid
+from .records import Floats, Grid, Settings
 
 
 def grey(frame: np.ndarray) -> Floats:
@@ -65,6 +65,24 @@ def shown_box(box: Floats, squareness: float) -> Floats:
     shown_height = height ** (1 - squareness) * square**squareness
     left, top = x + width / 2 - shown_width / 2, y + height / 2 - shown_height / 2
     return np.array([left, top, shown_width, shown_height])
+
+
+def cell_aspect(box: Floats, settings: Settings) -> float:
+    """Height of a cell over its width, of the canvas of a box [4]."""
+    _, _, width, height = shown_box(box, settings.squareness)
+    return (height / settings.grid.rows) / (width / settings.grid.columns)
+
+
+def turned(displacement: Floats, angle: float, aspect: float) -> Floats:
+    """The displacement [2] (down, across) in the frame of one on a canvas that is turned, cells.
+
+    angle: clockwise for who looks at the frame. aspect: height of a cell over its width.
+    """
+    if angle == 0:
+        return displacement  # whole numbers stay whole
+    down, across = displacement[0] * aspect, displacement[1]
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array([(cosine * down + sine * across) / aspect, cosine * across - sine * down])
 
 
 def integral(cells: Floats) -> Floats:
