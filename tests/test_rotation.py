@@ -1,20 +1,27 @@
 """The rotation filter, and the canvas that turns with the object."""
 
+import dataclasses
+
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from reference import rotation as expected
 from scipy import ndimage
+from settings import SMALL_DEFAULT
 from textures import integral, texture
 
+import dcs_jax
 from dcs_jax.config import Config, RotationFilter
 from dcs_jax.core.window import turned
+from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.extensions import rotation
 from dcs_jax.extensions.descriptors import describe
+from dcs_jax.synthetic import render
 
 GRID = Config(canvas=(24, 20)).grid
 SETTINGS = RotationFilter()
@@ -121,3 +128,134 @@ def test_the_hull_is_that_of_the_turned_ellipse(angle):
 def test_the_hull_of_a_box_that_has_not_turned_is_the_box():
     box = np.array([30.5, 40.25, 61.3, 20.7], np.float32)
     np.testing.assert_array_equal(rotation.hull(jnp.asarray(box), number(0)), box)
+
+
+@given(
+    seed=seeds,
+    angle=angles,
+    held=st.one_of(st.just(0.0), angles),
+    gain=st.floats(0, 0.6),
+    confidence=st.floats(0, 1),
+)
+def test_a_frame_counts_as_in_the_reference(seed, angle, held, gain, confidence):
+    aspect, held = 1.2, float(np.float32(held))
+    cells = turned_texture(seed, angle, aspect)
+    if held:
+        cells = expected.turned_cells(cells, held, aspect)
+    window, nowhere = integral(cells), jnp.zeros(2)
+    first = texture(GRID, seed)
+    description, initial = (
+        describe(seen, nowhere, np.ones(1), GRID)[0] for seen in (window, integral(first))
+    )
+    trained = rotation.init(polar(first, HERE, aspect))
+    state = trained._replace(angle=number(held), gain=number(gain))
+    numbers = jax.tree.map(number, SETTINGS)
+    found = rotation.follow(
+        state,
+        description,
+        initial,
+        number(confidence),
+        window,
+        nowhere,
+        number(aspect),
+        numbers,
+        GRID,
+    )
+
+    def similarity(angle: float) -> float:
+        seen = (
+            reference.descriptors.describe(cells, HERE, 1.0, GRID)
+            if angle == 0
+            else expected.describe_turned(cells, HERE, angle, aspect, GRID)
+        )
+        return float(np.asarray(initial, float) @ seen)
+
+    features = expected.polar(first, HERE, aspect, GRID)
+    same = expected.init(features)._replace(angle=held, gain=gain)
+    settings = reference.RotationFilter(**dataclasses.asdict(SETTINGS))
+    wanted = expected.follow(
+        same, expected.polar(cells, HERE, aspect, GRID), similarity, confidence, settings
+    )
+    # But for what rounding decides.
+    limits = [
+        wanted.gain - (SETTINGS.gain_below if held else SETTINGS.gain_above),
+        abs(held or angle) - expected.LEAST,
+        confidence - SETTINGS.follow_above,
+        1 - similarity(0.0) - SETTINGS.gain_above,
+    ]
+    assume(min(map(abs, limits)) > 0.02)
+    assert found.gain == pytest.approx(wanted.gain, abs=5e-3)
+    off = (found.angle - wanted.angle + np.pi) % (2 * np.pi) - np.pi
+    assert abs(off) < 5e-3
+
+
+DEGREES = 2.0
+
+
+def turning(length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of a scene that turns around an object, and the box around its ellipse in each."""
+    clip = render(1, (120, 160), (30, 42), lookalike=False, seed=4)
+    x, y, w, h = (float(side) for side in clip.boxes[0])
+    middle = x + (w - 1) / 2, y + (h - 1) / 2
+    frames = [
+        cv2.warpAffine(
+            clip.frames[0],
+            cv2.getRotationMatrix2D(middle, -DEGREES * frame, 1.0),
+            (160, 120),
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for frame in range(length)
+    ]
+    boxes = [expected.hull(clip.boxes[0], np.deg2rad(DEGREES * frame)) for frame in range(length)]
+    return np.stack(frames), np.array(boxes)
+
+
+def test_an_object_that_turns_once_around_is_followed():
+    frames, boxes = turning(181)
+    track = dcs_jax.track_sequence(frames, boxes[0], None, SMALL_DEFAULT)
+    assert overlap(track.boxes, boxes).min() > 0.9
+    assert not np.asarray(track.lost).any()
+    without = dataclasses.replace(SMALL_DEFAULT, rotation=None)
+    track = dcs_jax.track_sequence(frames, boxes[0], None, without)
+    assert overlap(track.boxes, boxes).min() < 0.7
+
+
+def test_in_a_batch_each_turns_by_itself():
+    frames, boxes = turning(40)
+    both = np.stack([frames, np.repeat(frames[:1], 40, axis=0)])
+    tracks = dcs_jax.track_batch(both, np.stack([boxes[0]] * 2), None, SMALL_DEFAULT)
+    for found, video in zip(tracks.boxes, both, strict=True):
+        single = dcs_jax.track_sequence(video, boxes[0], None, SMALL_DEFAULT)
+        np.testing.assert_array_equal(found, single.boxes)
+    for found, wanted in zip(tracks.boxes, (boxes, boxes[[0] * 40]), strict=True):
+        assert overlap(found, wanted).min() > 0.9
+
+
+def angles_of(frames: np.ndarray, box: np.ndarray, config: Config) -> list[float]:
+    """By how much the object has turned in each frame."""
+    state, found = dcs_jax.init(frames[0], box, jax.random.key(0), config), []
+    step = jax.jit(dcs_jax.step)
+    for frame in frames[1:]:
+        state, _ = step(state, frame, config)
+        assert state.rotation
+        found.append(float(state.rotation.angle))
+    return found
+
+
+def test_the_angle_is_that_of_the_frame():
+    frames, boxes = turning(31)
+    found = np.rad2deg(angles_of(frames, boxes[0], SMALL_DEFAULT))
+    # Upright until it is clear that it turns.
+    assert not found[:3].any()
+    np.testing.assert_allclose(found[-15:], DEGREES * np.arange(16, 31), atol=3)
+
+
+def test_what_does_not_turn_stays_upright():
+    clip = render(30, (120, 160), (36, 30))
+    assert not any(angles_of(clip.frames, clip.boxes[0], SMALL_DEFAULT))
+
+
+def test_without_verification_nothing_turns():
+    frames, boxes = turning(20)
+    settings = dataclasses.replace(SMALL_DEFAULT, verification=None, redetection=None)
+    assert not any(angles_of(frames, boxes[0], settings))

@@ -3,6 +3,7 @@
     translation.py   correlation filter over positions: one more cue in the score map
     colour.py        histograms of the colours of object and background: another one
     scale.py         correlation filter over scales: the size of the box
+    rotation.py      correlation filter over angles: by how much the object has turned
     verification.py  similarity to templates: confidence, learning only where verified, lost
     redetection.py   search windows all over the frame for an object that was missed
 
