@@ -45,7 +45,7 @@ class _Seen(NamedTuple):
 
     window: [G_y + 1, G_x + 1], integral image. displacement: [2] of the object, down and right from
     the middle of the window, cells. aspect: height of a cell over its width. initial: [D], the
-    initial template. similarity: of the object to it, as the canvas shows it.
+    initial template. similarity: of the object to it, as the canvas shows it. confidence: of that.
     """
 
     window: Float[Array, "lines_y lines_x"]
@@ -174,9 +174,7 @@ def polar(
     """What the filter sees of the object: gradients on a polar grid around its middle, [D, A].
 
     Along the radius and across it, each as its positive and its negative part, in roots, less their
-    mean over the angles: a unit vector.
-
-    Beyond the window there is what is at its edge.
+    mean over the angles: a unit vector. Beyond the window there is what is at its edge.
 
     window: [G_y + 1, G_x + 1], integral image. displacement: [2] of the object, down and right from
     the middle of the window, cells. aspect: height of a cell over its width.
