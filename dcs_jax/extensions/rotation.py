@@ -9,6 +9,7 @@ An angle is in radians, by which the object has turned since that frame, positiv
 right to its lower side: clockwise for who looks at the frame.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -34,7 +35,7 @@ _SIGMA = 1.0
 # Ridge, as it is, since features are unit vectors.
 _RIDGE = 0.01
 # A rotation by less makes no difference that could be seen, radians.
-_LEAST = np.deg2rad(8)
+_LEAST = math.radians(8)
 # Weight of the present frame in the running mean of the gain.
 _RATE = 0.2
 _ROUNDING = 1e-6
@@ -249,7 +250,7 @@ def _describe_turned(
     below, beside = (
         jnp.asarray(sign, jnp.float32)[:, None, None] for sign in ([1, 1, -1, -1], [1, -1, 1, -1])
     )
-    corners = _between(window, down + height / 2 * below, right + width / 2 * beside)
+    corners = _between(window, down[None] + height / 2 * below, right[None] + width / 2 * beside)
     return describe_patch((below * beside * corners).sum(0) / (height * width))
 
 
