@@ -114,9 +114,9 @@ def _look(
     """What is seen around a box; angle: by which the canvas is turned, None where it never is."""
     on_canvas = canvas_box(box, config)
     window = window_integral(frame, on_canvas, config.grid)
-    if angle is not None:
-        window = rotation.turn_window(window, angle, cell_aspect(box, config))
     turn = _turn(angle, box, config)
+    if angle is not None and turn is not None:
+        window = rotation.turn_window(window, angle, turn)
     return _View(
         window,
         None if config.translation is None else translation.features(window, config.grid),
@@ -142,10 +142,13 @@ def _first_state(
     weak, strong, _ = _learn(values, weak, config)
     nowhere = jnp.zeros(2, jnp.float32)
     descriptions = _describe(view.window, nowhere, config)
-    learned = None
+    learned = rotated = None
     if config.translation is not None:
         assert view.features is not None
         learned = translation.init(view.features, config.translation, config.grid)
+    if config.rotation is not None:
+        aspect = cell_aspect(box, config)
+        rotated = rotation.init(rotation.polar(view.window, nowhere, aspect, config.grid))
     return State(
         box,
         box[2:],
@@ -155,7 +158,7 @@ def _first_state(
         learned,
         None if config.colour is None else colour.init(view.colours, box, config),
         None if config.scale is None else scale.init(descriptions),
-        None if config.rotation is None else rotation.init(_polar(view, nowhere, box, config)),
+        rotated,
         None if config.verification is None else verification.init(_own_scale(descriptions), box),
     )
 
@@ -267,8 +270,7 @@ def _localise(
     noisy_or, part_scores = maps.at(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
-    in_frame = displacement if turn is None else jnp.stack(turned(turn, *displacement))
-    moved = _move(box, in_frame, frame.shape, config)
+    moved = _move(box, displacement, turn, frame.shape, config)
     unknown = jnp.full_like(noisy_or, jnp.nan)
     of_filter = _of_filter(state, view, displacement, config)
     here = Candidate(moved, noisy_or, unknown, part_scores, responses=of_filter)
@@ -337,13 +339,8 @@ def _angle(state: State) -> Float[Array, ""] | None:
 def _turn(
     angle: Float[Array, ""] | None, box: Float[Array, "4"], config: Config
 ) -> Float[Array, "2 2"] | None:
+    """How it is turned, for displacements on it, or None."""
     return None if angle is None else rotation.turn_by(angle, cell_aspect(box, config))
-
-
-def _polar(
-    view: _View, displacement: Float[Array, "2"], box: Float[Array, "4"], config: Config
-) -> Float[Array, "D angles"]:
-    return rotation.polar(view.window, displacement, cell_aspect(box, config), config.grid)
 
 
 def _rests(
@@ -517,12 +514,13 @@ def _readable(frame: ImageLike | VideoFrame | ColumnSums) -> VideoFrame | Column
 def _move(
     box: Float[Array, "4"],
     displacement: Float[Array, "2"],
+    turn: Float[Array, "2 2"] | None,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Float[Array, "4"]:
-    """The box moved by a displacement in cells; its centre stays in the frame."""
+    """The box moved by a displacement in cells of the canvas; its centre stays in the frame."""
     x, y, w, h = box
-    down, right = displacement
+    down, right = displacement if turn is None else turned(turn, *displacement)
     _, _, shown_w, shown_h = canvas_box(box, config)
     x = jnp.clip(x + right * shown_w / config.grid.columns, -w / 2, frame_shape[1] - w / 2)
     y = jnp.clip(y + down * shown_h / config.grid.rows, -h / 2, frame_shape[0] - h / 2)

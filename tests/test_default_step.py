@@ -7,7 +7,6 @@ other side of a threshold than in float64, and after such a vote two runs part.
 import dataclasses
 from typing import Any, NamedTuple
 
-import cv2
 import jax
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ import reference
 from layout import reference_at, reference_pool, reference_settings
 from sequences import load
 from settings import SMALL_DEFAULT
+from textures import turned_frames
 
 import dcs_jax
 from dcs_jax import (
@@ -75,17 +75,7 @@ def rendered() -> Shown:
 
 def turning(shown: Shown) -> Shown:
     """Its first frame, turned by 3 degrees a frame around the box."""
-    x, y, w, h = (float(number) for number in shown.box)
-    frames = [
-        cv2.warpAffine(
-            shown.frames[0],
-            cv2.getRotationMatrix2D((x + (w - 1) / 2, y + (h - 1) / 2), -3.0 * number, 1.0),
-            shown.frames.shape[2:0:-1],
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        for number in range(FRAMES)
-    ]
-    return Shown(np.stack(frames), shown.box)
+    return Shown(turned_frames(shown.frames[0], shown.box, 3.0, FRAMES), shown.box)
 
 
 def only(*components: str, **changes: Any) -> Config:

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from reference import rotation as expected
 from scipy import ndimage
 from settings import SMALL_DEFAULT
-from textures import integral, texture
+from textures import integral, texture, turned_frames
 
 import dcs_jax
 from dcs_jax.config import Config, RotationFilter
@@ -38,6 +37,11 @@ def number(value: float) -> jax.Array:
 def polar(cells: np.ndarray, displacement: np.ndarray, aspect: float) -> jax.Array:
     place = jnp.asarray(displacement, jnp.float32)
     return rotation.polar(integral(cells), place, number(aspect), GRID)
+
+
+def turn_window(window: jax.Array, angle: float, aspect: float) -> jax.Array:
+    turn = rotation.turn_by(number(angle), number(aspect))
+    return rotation.turn_window(window, number(angle), turn)
 
 
 def turned_texture(seed: int, angle: float, aspect: float) -> np.ndarray:
@@ -85,7 +89,7 @@ def test_the_estimate_is_the_angle_that_the_object_has_turned(seed, angle, aspec
 @given(seed=seeds, angle=angles, aspect=aspects)
 def test_the_turned_window_is_that_of_the_reference(seed, angle, aspect):
     cells = texture(GRID, seed)
-    found = rotation.turn_window(integral(cells), number(angle), number(aspect))
+    found = turn_window(integral(cells), angle, aspect)
     wanted = reference.integral(expected.turned_cells(cells, np.float32(angle), np.float32(aspect)))
     np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
 
@@ -94,7 +98,7 @@ def test_the_turned_window_is_that_of_the_reference(seed, angle, aspect):
 def test_on_the_turned_canvas_the_object_is_upright(seed, angle):
     aspect = 1.2
     window = integral(turned_texture(seed, angle, aspect))
-    window = rotation.turn_window(window, number(angle), number(aspect))
+    window = turn_window(window, angle, aspect)
     seen, upright = (
         describe(cells, jnp.zeros(2), np.ones(1), GRID)[0]
         for cells in (window, integral(texture(GRID, seed)))
@@ -104,7 +108,7 @@ def test_on_the_turned_canvas_the_object_is_upright(seed, angle):
 
 def test_a_canvas_that_is_not_turned_is_as_it_is():
     window = integral(texture(GRID, 3))
-    found = rotation.turn_window(window, number(0), number(1.3))
+    found = turn_window(window, 0, 1.3)
     np.testing.assert_array_equal(found, window)
 
 
@@ -195,19 +199,9 @@ DEGREES = 2.0
 def turning(length: int) -> tuple[np.ndarray, np.ndarray]:
     """Frames of a scene that turns around an object, and the box around its ellipse in each."""
     clip = render(1, (120, 160), (30, 42), lookalike=False, seed=4)
-    x, y, w, h = (float(side) for side in clip.boxes[0])
-    middle = x + (w - 1) / 2, y + (h - 1) / 2
-    frames = [
-        cv2.warpAffine(
-            clip.frames[0],
-            cv2.getRotationMatrix2D(middle, -DEGREES * frame, 1.0),
-            (160, 120),
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        for frame in range(length)
-    ]
+    frames = turned_frames(clip.frames[0], clip.boxes[0], DEGREES, length)
     boxes = [expected.hull(clip.boxes[0], np.deg2rad(DEGREES * frame)) for frame in range(length)]
-    return np.stack(frames), np.array(boxes)
+    return frames, np.array(boxes)
 
 
 def test_an_object_that_turns_once_around_is_followed():

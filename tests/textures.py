@@ -1,5 +1,6 @@
-"""Windows of random texture that tests of the extensions share."""
+"""Windows of random texture, and frames that turn, which tests share."""
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +19,23 @@ def texture(
     down = (np.arange(rows) - (rows - 1) / 2) / zoom + 100 - shift[0]
     across = (np.arange(columns) - (columns - 1) / 2) / zoom + 100 - shift[1]
     return ndimage.map_coordinates(cells, np.meshgrid(down, across, indexing="ij"), order=3)
+
+
+def turned_frames(frame: np.ndarray, box: np.ndarray, degrees: float, length: int) -> np.ndarray:
+    """The frame, turned clockwise around a box by so many degrees a frame: [length, H, W, ...]."""
+    x, y, w, h = (float(number) for number in box)
+    middle = x + (w - 1) / 2, y + (h - 1) / 2
+    return np.stack(
+        [
+            cv2.warpAffine(
+                frame,
+                cv2.getRotationMatrix2D(middle, -degrees * number, 1.0),
+                frame.shape[1::-1],
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            for number in range(length)
+        ]
+    )
 
 
 def integral(cells: np.ndarray) -> jax.Array:

@@ -145,24 +145,23 @@ def turn_by(angle: Float[Array, ""], aspect: Float[Array, ""]) -> Float[Array, "
 
 @jax.named_scope("rotation")
 def turn_window(
-    window: Float[Array, "lines_y lines_x"], angle: Float[Array, ""], aspect: Float[Array, ""]
+    window: Float[Array, "lines_y lines_x"], angle: Float[Array, ""], turn: Float[Array, "2 2"]
 ) -> Float[Array, "lines_y lines_x"]:
     """The integral image of a window whose canvas is turned by an angle around its middle.
 
     Between the middles of cells grey values are interpolated; beyond the window its outermost cells
-    are repeated. window: [G_y + 1, G_x + 1], integral image of the window that is not turned.
+    are repeated. window: [G_y + 1, G_x + 1], integral image of the window that is not turned. turn:
+    [2, 2], as of `turn_by`.
     """
 
     # Under vmap the tracks take turns, so that those which have not turned are as they are.
     @jax.custom_batching.sequential_vmap
     def if_turned(
-        window: Float[Array, "lines_y lines_x"], angle: Float[Array, ""], aspect: Float[Array, ""]
+        window: Float[Array, "lines_y lines_x"], angle: Float[Array, ""], turn: Float[Array, "2 2"]
     ) -> Float[Array, "lines_y lines_x"]:
-        return jax.lax.cond(
-            angle == 0, lambda *_: window, _turned_window, window, turn_by(angle, aspect)
-        )
+        return jax.lax.cond(angle == 0, lambda *_: window, _turned_window, window, turn)
 
-    return if_turned(window, angle, aspect)
+    return if_turned(window, angle, turn)
 
 
 @jax.named_scope("rotation")
