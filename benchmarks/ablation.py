@@ -47,7 +47,11 @@ BEYOND = {
     "first frame's filter": ["translation.first_frame=0.0", "translation.first_frame=0.15"],
     "colour": ["colour.weight=0.0", "colour.weight=20.0"],
     "pull to the initial scale": ["scale.initial_pull=0.0", "scale.initial_pull=0.02"],
-    "rotation from": ["rotation.gain_above=0.15", "rotation.gain_above=0.25"],
+    "rotation from": [
+        "rotation.gain_above=0.15",
+        "rotation.gain_above=0.2",
+        "rotation.gain_above=0.25",
+    ],
     "recent template": ["verification.recent_rate=0.0", "verification.recent_rate=0.07"],
     "learning above": ["verification.learn_above=0.0", "verification.learn_above=0.7"],
     "sure above": ["verification.sure_above=0.4", "verification.sure_above=0.7"],

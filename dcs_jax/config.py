@@ -151,7 +151,7 @@ class RotationFilter:
     similar_above: Number = share(0.6)
     """Similarity to the initial template, a cosine, above which an object that was upright counts
     as turned, if it is turned back before it is compared, and the gain says so, too."""
-    gain_above: Number = share(0.25)
+    gain_above: Number = share(0.2)
     """Gain of similarity by turning it back above which this is so."""
     gain_below: Number = share(0.1)
     """Gain, a running mean, up to which an object that has turned counts as upright again."""
