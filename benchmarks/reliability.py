@@ -4,11 +4,15 @@
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. All labelled frames of all sequences and
 seeds count, except the first one of each; a box is right where its IoU is above 0.5. Where a
-sequence has labels with size for every frame, `groundtruth_every_frame.txt`, those are used. Prints
-Markdown; --plot also draws the reliability diagram.
+sequence has labels with size for every frame, `groundtruth_every_frame.txt`, those are used. Where
+all labels have one size, they say nothing about the object's, and the box of the initial size is
+compared (`output_size="initial"`), unless --estimated. Prints Markdown; --plot also draws the
+reliability diagram. Of the boxes with an IoU below 0.3, "sure" is the share with a confidence above
+0.5.
 """
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +31,8 @@ from dcs_jax.io.annotations import read_boxes
 
 BINS = 10
 RIGHT = 0.5  # IoU above which a box is right
+FAR = 0.3  # IoU below which a box is beside the object
+SURE = 0.5  # confidence above which it should not be
 FITTED = ("middle", "slope")
 EVERY_FRAME = "groundtruth_every_frame.txt"
 
@@ -48,30 +54,40 @@ def main() -> None:
     parser.add_argument("--setting", default="default", help="as for dcs-jax evaluate")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sequences", help="names with commas between (default: all)")
+    parser.add_argument(
+        "--estimated", action="store_true", help="the estimated size, whatever the labels"
+    )
     parser.add_argument("--plot", type=Path, help="file for the diagram, PNG or SVG")
     arguments = parser.parse_args()
     cache()
     names = arguments.sequences.split(",") if arguments.sequences else None
     confidences: list[Numbers] = []
-    rights: list[Numbers] = []
+    overlaps: list[Numbers] = []
     config = parse_setting(arguments.setting).config("")
     if config.verification is None:
         parser.error(f"{arguments.setting} has no verification, which is what the confidence is of")
-    print("| sequence | frames | right | mean confidence | ECE | AUC |\n|---|---|---|---|---|---|")
+    print(
+        f"| sequence | frames | right | mean confidence | ECE | AUC | IoU < {FAR} | of these sure |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for entry in find_sequences(arguments.root, names):
         sequence = entry.load()
         truth = _every_frame(arguments.root / entry.name, sequence.truth)
-        runs = run_seeds(sequence.frames, sequence.truth[0], range(arguments.seeds), config)
-        overlaps = np.array([overlap(boxes, truth) for boxes in runs.boxes])[:, 1:]
-        labelled = ~np.isnan(overlaps)
+        compared = config
+        if have_one_size(truth) and not arguments.estimated:
+            compared = dataclasses.replace(config, output_size="initial")
+        runs = run_seeds(sequence.frames, sequence.truth[0], range(arguments.seeds), compared)
+        found = np.array([overlap(boxes, truth) for boxes in runs.boxes])[:, 1:]
+        labelled = ~np.isnan(found)
         confidences.append(runs.confidence[:, 1:][labelled].astype(np.float64))
-        rights.append((overlaps[labelled] > RIGHT).astype(np.float64))
-        print(_row(entry.name, confidences[-1], rights[-1]), flush=True)
-    confidence, right = np.concatenate(confidences), np.concatenate(rights)
-    print(_row("**all**", confidence, right))
+        overlaps.append(found[labelled])
+        print(_row(entry.name, confidences[-1], overlaps[-1]), flush=True)
+    confidence, all_overlaps = np.concatenate(confidences), np.concatenate(overlaps)
+    print(_row("**all**", confidence, all_overlaps))
+    right = (all_overlaps > RIGHT).astype(np.float64)
     print("\n| confidence | frames | mean confidence | right |\n|---|---|---|---|")
-    found = bins(confidence, right)
-    for number, one in enumerate(found):
+    filled = bins(confidence, right)
+    for number, one in enumerate(filled):
         span = f"{number / BINS:.1f} to {(number + 1) / BINS:.1f}"
         print(f"| {span} | {one.frames} | {one.confidence:.3f} | {one.right:.3f} |")
     # With a translation filter the confidence is of more than the similarity.
@@ -80,7 +96,7 @@ def main() -> None:
     evidence = logit(np.clip(confidence, 1e-6, 1 - 1e-6)) / known["slope"] + known["middle"]
     for label, weights in (
         ("each frame with the same weight", np.ones(len(right))),
-        ("each sequence", np.concatenate([np.full(len(r), 1 / len(r)) for r in rights])),
+        ("each sequence", np.concatenate([np.full(len(o), 1 / len(o)) for o in overlaps])),
     ):
         middle, slope = fit(evidence, right, weights)
         error = calibration_error(expit(slope * (evidence - middle)), right)
@@ -89,7 +105,13 @@ def main() -> None:
             f"verification.{prefix}slope={slope:.2f} (ECE {error:.3f} on the same tracks)"
         )
     if arguments.plot:
-        draw(found, arguments.plot)
+        draw(filled, arguments.plot)
+
+
+def have_one_size(labels: Numbers) -> bool:
+    """Whether all boxes, [T, 4] with rows of NaN where there is none, have one width and height."""
+    sizes = labels[~np.isnan(labels).any(1), 2:]
+    return bool((np.ptp(sizes, axis=0) < 1).all())
 
 
 def bins(confidence: Numbers, right: Numbers) -> list[Bin]:
@@ -154,11 +176,13 @@ def draw(found: list[Bin], path: Path) -> None:
     figure.savefig(path)
 
 
-def _row(name: str, confidence: Numbers, right: Numbers) -> str:
+def _row(name: str, confidence: Numbers, overlaps: Numbers) -> str:
+    right, far = (overlaps > RIGHT).astype(np.float64), overlaps < FAR
+    sure = (confidence[far] > SURE).mean() if far.any() else np.nan
     numbers = (calibration_error(confidence, right), failure_auc(confidence, right))
     return (
         f"| {name} | {len(right)} | {right.mean():.3f} | {confidence.mean():.3f} | "
-        + " | ".join(f"{number:.3f}" for number in numbers)
+        + " | ".join(f"{number:.3f}" for number in (*numbers, far.mean(), sure))
         + " |"
     )
 
