@@ -24,7 +24,7 @@ from dcs_jax import Config, init, step, synthetic, track_sequence
 from dcs_jax.compilation import cache
 from dcs_jax.core.samples import part_rectangles
 from dcs_jax.core.search import confidence_map, displacements, search_window
-from dcs_jax.core.window import VideoFrame, canvas_box, window_integral
+from dcs_jax.core.window import VideoFrame, place, window_integral
 from dcs_jax.extensions import colour, translation
 
 FRAME = 12  # the target is in full sight
@@ -42,7 +42,7 @@ def main() -> None:
     for frame in clip.frames[1:FRAME]:
         state, _ = step(state, frame, config)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.8), layout="constrained")
-    shown = canvas_box(state.box, config)
+    shown = place(state.box, config, state.initial_size).shown
     _windows(axes[0], clip.frames[FRAME], np.asarray(shown), config)
     seen = VideoFrame(jnp.asarray(clip.frames), jnp.int32(FRAME))
     window = window_integral(seen, shown, config.grid)
@@ -95,10 +95,11 @@ def _scores(
     assert config.translation is not None
     assert config.colour is not None
     of_object = colour.respond(state.colour, colours, config.colour)
-    by_colour = functools.partial(colour.score, of_object, state.box, config)
+    placed = place(state.box, config, state.initial_size)
+    by_colour = functools.partial(colour.score, of_object, placed, config)
     features = translation.features(window, config.grid)
     response = translation.respond(state.translation, features, config.translation)
-    middle = translation.search_middle(response, state.box, frame_shape, config, by_colour)
+    middle = translation.search_middle(response, placed, frame_shape, config, by_colour)
     searched = search_window(window, middle, config)
     maps = confidence_map(searched, state.pool, state.weak, state.strong, config)
     scores = maps.score_map + translation.score(response, middle, config)

@@ -6,6 +6,7 @@ stable.
 
 from dcs_jax.compilation import cache
 from dcs_jax.config import (
+    AspectRatio,
     ColourHistograms,
     Config,
     Redetection,
@@ -24,6 +25,7 @@ from dcs_jax.tracker import init, score, step
 from dcs_jax.types import State, StepInfo, Track
 
 __all__ = [
+    "AspectRatio",
     "Chunk",
     "ColourHistograms",
     "Config",

@@ -141,6 +141,28 @@ class ScaleFilter:
 
 @pytree
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class AspectRatio:
+    """Comparison of aspect ratios, by which the box gets narrower or flatter with the object.
+
+    See `extensions.aspect`. Without verification, whose initial template says what the object looks
+    like, the ratio is that of the first box.
+    """
+
+    similar_above: Number = share(0.8)
+    """Similarity to the initial template, a cosine, above which another ratio than the first one is
+    taken, if the gain says so, too."""
+    gain_above: Number = share(0.1)
+    """Gain of similarity by it above which this is so."""
+    cost: Number = not_negative(0.1)
+    """Reduction of the similarity, times the distance of the logarithm of a ratio from that of the
+    first one, where ratios are compared."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@pytree
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RotationFilter:
     """A correlation filter over angles, by which the canvas turns with the object.
 
@@ -283,8 +305,8 @@ class Config:
     """Settings of the tracker. `Config()` is the recommended preset, `Config.paper()` the paper's.
 
     A pytree: the numbers are its leaves, so another value compiles nothing, and an array of them
-    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The six
-    groups are what the default has beyond the paper: None switches one off.
+    can be vmapped over; the other fields are static. `dataclasses.replace` changes fields. The
+    seven groups are what the default has beyond the paper: None switches one off.
 
     The tracker computes in float32 and int32, whatever the type of a number and JAX's settings;
     numbers of no stated limit are at most 1e9. Static numbers may be NumPy's, and are kept as
@@ -352,6 +374,7 @@ class Config:
     translation: TranslationFilter | None = group(TranslationFilter)
     colour: ColourHistograms | None = group(ColourHistograms)
     scale: ScaleFilter | None = group(ScaleFilter)
+    aspect: AspectRatio | None = group(AspectRatio)
     rotation: RotationFilter | None = group(RotationFilter)
     verification: Verification | None = group(Verification)
     redetection: Redetection | None = group(Redetection)

@@ -14,7 +14,7 @@ from dcs_jax.config import COMPONENTS, Config, check_config
 from dcs_jax.io.files import atomic
 from dcs_jax.types import State
 
-FORMAT = 6  # of the file: another number is another layout
+FORMAT = 7  # of the file: another number is another layout
 _KIND = "dcs_jax states"
 
 

@@ -30,14 +30,23 @@ from dcs_jax.core.strong import combine
 from dcs_jax.core.weak import error, init_weak, update_weak
 from dcs_jax.core.window import (
     ColumnSums,
+    Placed,
     VideoFrame,
-    canvas_box,
     cell_aspect,
     one_frame,
+    place,
     turned,
     window_integral,
 )
-from dcs_jax.extensions import colour, redetection, rotation, scale, translation, verification
+from dcs_jax.extensions import (
+    aspect,
+    colour,
+    redetection,
+    rotation,
+    scale,
+    translation,
+    verification,
+)
 from dcs_jax.extensions.descriptors import describe
 from dcs_jax.types import (
     BoxLike,
@@ -100,7 +109,7 @@ def _begin(
     config = single_precision(config)
     box = jnp.asarray(box, jnp.float32)
     pool = key if isinstance(key, Pool) else draw_pool(key, config)
-    view = _look(frame, config, box, None)
+    view = _look(frame, config, box[2:], box, None)
     return _first_state(view, box, pool, frame.shape, config), view
 
 
@@ -108,19 +117,20 @@ def _begin(
 def _look(
     frame: VideoFrame | ColumnSums,
     config: Config,
+    initial_size: Float[Array, "2"],
     box: Float[Array, "4"],
     angle: Float[Array, ""] | None,
 ) -> _View:
     """What is seen around a box; angle: by which the canvas is turned, None where it never is."""
-    on_canvas = canvas_box(box, config)
-    window = window_integral(frame, on_canvas, config.grid)
-    turn = _turn(angle, box, config)
+    shown = place(box, config, initial_size).shown
+    window = window_integral(frame, shown, config.grid)
+    turn = _turn(angle, shown, config)
     if angle is not None and turn is not None:
         window = rotation.turn_window(window, angle, turn)
     return _View(
         window,
         None if config.translation is None else translation.features(window, config.grid),
-        None if config.colour is None else colour.look(frame, on_canvas, config.grid, turn),
+        None if config.colour is None else colour.look(frame, shown, config.grid, turn),
     )
 
 
@@ -133,7 +143,8 @@ def _first_state(
     config: Config,
 ) -> State:
     """The state that has learned the object from the window around its first box."""
-    values = responses(training_patches(view.window, box, frame_shape, config), pool)
+    placed = place(box, config)
+    values = responses(training_patches(view.window, placed, frame_shape, config), pool)
     weak = init_weak(pool, config.weak)
     # The last of the updates is the one that also selects.
     weak = jax.lax.fori_loop(
@@ -147,8 +158,10 @@ def _first_state(
         assert view.features is not None
         learned = translation.init(view.features, config.translation, config.grid)
     if config.rotation is not None:
-        aspect = cell_aspect(box, config)
-        rotated = rotation.init(rotation.polar(view.window, nowhere, aspect, config.grid))
+        polar = rotation.polar(
+            view.window, nowhere, cell_aspect(placed.shown, config.grid), config.grid
+        )
+        rotated = rotation.init(polar)
     return State(
         box,
         box[2:],
@@ -156,7 +169,7 @@ def _first_state(
         weak,
         strong,
         learned,
-        None if config.colour is None else colour.init(view.colours, box, config),
+        None if config.colour is None else colour.init(view.colours, placed, config),
         None if config.scale is None else scale.init(descriptions),
         rotated,
         None if config.verification is None else verification.init(_own_scale(descriptions), box),
@@ -182,12 +195,20 @@ def step(
 @jax.jit
 def _step(state: State, frame: VideoFrame | ColumnSums, config: Config) -> tuple[State, StepInfo]:
     # Lines 1-3: where in the window around its last position is the object most likely?
-    look = jax.tree_util.Partial(_look, frame, config)
+    look = jax.tree_util.Partial(_look, frame, config, state.initial_size)
     localise = jax.tree_util.Partial(_localise, state, frame, config)
     known = state.verification
     rests = jax.tree_util.Partial(_rests, known, config)
     best, view = redetection.search(
-        look, localise, rests, state.box, _angle(state), known, frame.shape, config
+        look,
+        localise,
+        rests,
+        state.box,
+        state.initial_size,
+        _angle(state),
+        known,
+        frame.shape,
+        config,
     )
     # Line 4: the patches there and around are the new training samples (Algorithm 2).
     updated, best, noise = jax.lax.cond(
@@ -208,7 +229,8 @@ def score(state: State, frame: ImageLike | VideoFrame | ColumnSums, config: Conf
     frame = _readable(frame)
     config = single_precision(config)
     check_state(state, config)
-    return _score(state, _look(frame, config, state.box, _angle(state)), config)
+    view = _look(frame, config, state.initial_size, state.box, _angle(state))
+    return _score(state, view, config)
 
 
 @jax.jit
@@ -242,17 +264,18 @@ def _localise(
     by_first: whether the translation filter is that of the first frame alone.
     """
     middle = jnp.zeros(2, jnp.int32)
-    turn = _turn(_angle(state), box, config)
+    placed = place(box, config, state.initial_size)
+    turn = _turn(_angle(state), placed.shown, config)
     response = by_colour = None
     if state.colour and config.colour and view.colours is not None:
         of_object = colour.respond(state.colour, view.colours, config.colour)
-        by_colour = functools.partial(colour.score, of_object, box, config)
+        by_colour = functools.partial(colour.score, of_object, placed, config)
     if state.translation and config.translation:
         assert view.features is not None
         share = jnp.where(by_first, 1.0, config.translation.first_frame)
         settings = dataclasses.replace(config.translation, first_frame=share)
         response = translation.respond(state.translation, view.features, settings)
-        middle = translation.search_middle(response, box, frame.shape, config, by_colour, turn)
+        middle = translation.search_middle(response, placed, frame.shape, config, by_colour, turn)
     window = search_window(view.window, middle, config)
     maps = confidence_map(window, state.pool, state.weak, state.strong, config)
     score_map = maps.score_map
@@ -264,17 +287,18 @@ def _localise(
     # The translation filter's response is smooth, which the votes are not.
     subcell = response is not None
     displacement = find_peak(
-        score_map, box, frame.shape, config, subcell=subcell, middle=middle, turn=turn
+        score_map, placed, frame.shape, config, subcell=subcell, middle=middle, turn=turn
     )
     row, column = jnp.round(displacement).astype(jnp.int32) - middle
     noisy_or, part_scores = maps.at(
         row + config.search_grid.margin_rows, column + config.search_grid.margin_columns, config
     )
-    moved = _move(box, displacement, turn, frame.shape, config)
+    moved = _move(placed, displacement, turn, frame.shape, config)
     unknown = jnp.full_like(noisy_or, jnp.nan)
     of_filter = _of_filter(state, view, displacement, config)
     here = Candidate(moved, noisy_or, unknown, part_scores, responses=of_filter)
-    return _measured(state, here, displacement, view, frame.shape, config)
+    of_cell = cell_aspect(placed.shown, config.grid)
+    return _measured(state, here, displacement, view, of_cell, frame.shape, config)
 
 
 def _of_filter(
@@ -292,12 +316,14 @@ def _measured(
     candidate: Candidate,
     displacement: Float[Array, "2"],
     view: _View,
+    of_cell: Float[Array, ""],
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Candidate:
-    """The candidate with its scale, angle, confidence and description.
+    """The candidate with its size, angle, confidence and description.
 
-    displacement: [2], of the candidate from the middle of the window, cells.
+    displacement: [2], of the candidate from the middle of the window, cells. of_cell: aspect ratio
+    of these, height over width.
     """
     box, confidence, description = candidate.box, candidate.confidence, None
     descriptions = _describe(view.window, displacement, config)
@@ -313,6 +339,19 @@ def _measured(
             # Where the object is not recognised, behind something perhaps, it keeps its size.
             steps = jnp.where(confidence > config.verification.sure_above, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
+    if state.verification and config.verification and config.aspect:
+        assert description is not None
+        narrower = aspect.follow(
+            box,
+            state.initial_size,
+            state.verification.initial,
+            state.verification.initial @ description,
+            view.window,
+            displacement,
+            config.aspect,
+            config.grid,
+        )
+        box = jnp.where(confidence > config.verification.sure_above, narrower, box)
     candidate = candidate._replace(box=box, confidence=confidence, description=description)
     if not (state.rotation and state.verification and config.rotation):
         return candidate._replace(rotation=state.rotation)
@@ -324,7 +363,7 @@ def _measured(
         confidence,
         view.window,
         displacement,
-        cell_aspect(box, config),
+        of_cell,
         config.rotation,
         config.grid,
     )
@@ -337,10 +376,10 @@ def _angle(state: State) -> Float[Array, ""] | None:
 
 
 def _turn(
-    angle: Float[Array, ""] | None, box: Float[Array, "4"], config: Config
+    angle: Float[Array, ""] | None, shown: Float[Array, "4"], config: Config
 ) -> Float[Array, "2 2"] | None:
-    """How it is turned, for displacements on it, or None."""
-    return None if angle is None else rotation.turn_by(angle, cell_aspect(box, config))
+    """How it is turned, for displacements on it, or None; shown: what it shows."""
+    return None if angle is None else rotation.turn_by(angle, cell_aspect(shown, config.grid))
 
 
 def _rests(
@@ -423,7 +462,8 @@ def _update(
     config: Config,
 ) -> tuple[State, Float[Array, " R"]]:
     """The state that has learned the object from the window around its new box, and the noise."""
-    values = responses(training_patches(view.window, best.box, frame_shape, config), state.pool)
+    placed = place(best.box, config, state.initial_size)
+    values = responses(training_patches(view.window, placed, frame_shape, config), state.pool)
     weak, strong, noise = _learn(values, state.weak, config)
     updated = _moved(state, best)._replace(weak=weak, strong=strong)
     if state.translation and config.translation:
@@ -435,7 +475,7 @@ def _update(
         )
     if state.colour and config.colour and view.colours is not None:
         updated = updated._replace(
-            colour=colour.update(state.colour, view.colours, config.colour, best.box, config)
+            colour=colour.update(state.colour, view.colours, config.colour, placed, config)
         )
     if state.scale and config.scale:
         updated = updated._replace(scale=scale.update(state.scale, descriptions, config.scale))
@@ -512,16 +552,16 @@ def _readable(frame: ImageLike | VideoFrame | ColumnSums) -> VideoFrame | Column
 
 
 def _move(
-    box: Float[Array, "4"],
+    placed: Placed,
     displacement: Float[Array, "2"],
     turn: Float[Array, "2 2"] | None,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Float[Array, "4"]:
     """The box moved by a displacement in cells of the canvas; its centre stays in the frame."""
-    x, y, w, h = box
+    x, y, w, h = placed.box
     down, right = displacement if turn is None else turned(turn, *displacement)
-    _, _, shown_w, shown_h = canvas_box(box, config)
+    _, _, shown_w, shown_h = placed.shown
     x = jnp.clip(x + right * shown_w / config.grid.columns, -w / 2, frame_shape[1] - w / 2)
     y = jnp.clip(y + down * shown_h / config.grid.rows, -h / 2, frame_shape[0] - h / 2)
     return jnp.stack([x, y, w, h])

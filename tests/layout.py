@@ -25,6 +25,7 @@ _GROUPS: dict[str, Any] = {
     "colour": reference.ColourHistograms,
     "scale": reference.ScaleFilter,
     "verification": reference.Verification,
+    "aspect": reference.AspectRatio,
     "rotation": reference.RotationFilter,
     "redetection": reference.Redetection,
 }
@@ -49,7 +50,7 @@ def reference_pool(pool: Pool, config: Config) -> reference.Pool:
 
 def reference_settings(config: Config) -> reference.Settings:
     """The same settings, in groups of the same names."""
-    names = (field.name for field in dataclasses.fields(reference.Settings))
+    names = {field.name for field in dataclasses.fields(reference.Settings)} - {"initial_size"}
     fields = {name: getattr(config, name) for name in names}
     for name, group in _GROUPS.items():
         if fields[name] is not None:

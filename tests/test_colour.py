@@ -14,23 +14,34 @@ from settings import SMALL_DEFAULT
 
 import dcs_jax
 from dcs_jax import ColourHistograms, Config, Verification
-from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, column_sums, one_frame
+from dcs_jax.core.window import ColumnSums, VideoFrame, column_sums, one_frame, place
 from dcs_jax.evaluation.metrics import overlap
 from dcs_jax.extensions import colour
 from dcs_jax.synthetic import render
+from dcs_jax.types import ColourState
 
 CONFIG = Config(canvas=(24, 20))
 ODD = Config(canvas=(15, 12), translation=None, window_factor=2.2)
 BOX = jnp.array([60, 50, 30, 50], jnp.float32)
 
-init, score, update, respond = map(
-    jax.jit, (colour.init, colour.score, colour.update, colour.respond)
-)
+respond = jax.jit(colour.respond)
 
 
 @jax.jit
 def look(frame: VideoFrame | ColumnSums, box: jax.Array, config: Config) -> jax.Array | None:
-    return colour.look(frame, canvas_box(box, config), config.grid)
+    return colour.look(frame, place(box, config).shown, config.grid)
+
+
+@jax.jit
+def init(colours: jax.Array | None, box: jax.Array, config: Config) -> ColourState:
+    return colour.init(colours, place(box, config), config)
+
+
+@jax.jit
+def score(
+    response: jax.Array, box: jax.Array, config: Config, down: jax.Array, right: jax.Array
+) -> jax.Array:
+    return colour.score(response, place(box, config), config, down, right)
 
 
 def random_frame(seed: int) -> np.ndarray:
@@ -96,7 +107,8 @@ def test_the_score_is_that_of_the_reference(seed, box, down, right):
 def test_the_histograms_are_running_means():
     one, other = (look(shown(random_frame(number)), BOX, CONFIG) for number in (1, 2))
     first, second = (init(colours, BOX, CONFIG) for colours in (one, other))
-    state = update(first, other, ColourHistograms(learning_rate=0.25), BOX, CONFIG)
+    settings = ColourHistograms(learning_rate=0.25)
+    state = jax.jit(colour.update)(first, other, settings, place(BOX, CONFIG), CONFIG)
     for name in ("inside", "outside"):
         mixed = 0.75 * getattr(first, name) + 0.25 * getattr(second, name)
         np.testing.assert_allclose(getattr(state, name), mixed, atol=1e-6)
@@ -115,7 +127,7 @@ def test_a_red_object_is_found_by_its_colour_where_it_has_moved():
     found = np.asarray(score(response, BOX, CONFIG, down, right)) / CONFIG.colour.weight
     # All places whose inner part is in the object are as good.
     best = np.argwhere(found > found.max() - 1e-4).mean(0) - (20, 17)
-    _, _, width, height = canvas_box(BOX, CONFIG)
+    _, _, width, height = place(BOX, CONFIG).shown
     np.testing.assert_allclose(best, (9 * 24 / height, -12 * 20 / width), atol=1)
     assert found.max() > 0.99
     assert found.min() < 0.05

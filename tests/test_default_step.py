@@ -14,10 +14,11 @@ import reference
 from layout import reference_at, reference_pool, reference_settings
 from sequences import load
 from settings import SMALL_DEFAULT
-from textures import turned_frames
+from textures import narrowed_frames, turned_frames
 
 import dcs_jax
 from dcs_jax import (
+    AspectRatio,
     ColourHistograms,
     Config,
     Redetection,
@@ -76,6 +77,12 @@ def rendered() -> Shown:
 def turning(shown: Shown) -> Shown:
     """Its first frame, turned by 3 degrees a frame around the box."""
     return Shown(turned_frames(shown.frames[0], shown.box, 3.0, FRAMES), shown.box)
+
+
+def narrowing(shown: Shown) -> Shown:
+    """Its first frame, which gets narrower and higher, and as wide again, by a square root of 2."""
+    widths = 2 ** (-np.interp(np.arange(FRAMES), (0, 14, 16, 30), (0, 1, 1, 0)) / 4)
+    return Shown(narrowed_frames(shown.frames[0], shown.box, widths), shown.box)
 
 
 def only(*components: str, **changes: Any) -> Config:
@@ -142,7 +149,7 @@ def assert_same_step(info: dcs_jax.StepInfo, expected: reference.StepInfo):
 def is_nearly_best(box: np.ndarray, frame: np.ndarray, tracker: reference.Tracker) -> bool:
     """Whether few votes part this box from the best position in the window around the last one."""
     last, grid = tracker.box, tracker.settings.search_grid
-    shown = reference.shown_box(last, tracker.settings.squareness)
+    shown = reference.shown_box(last, tracker.settings)
     across, down = (box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2) / shown[2:]
     row, column = reference.nearest_position(
         np.array([down * grid.rows, across * grid.columns]), grid
@@ -206,6 +213,18 @@ def test_30_frames_of_an_object_that_turns_are_those_of_the_reference(rendered, 
     assert infos[-1].box[2] / infos[-1].box[3] > 1.1
 
 
+@pytest.mark.parametrize(
+    "config", [only("aspect", "verification"), SMALL_DEFAULT], ids=["aspect-verification", "all"]
+)
+def test_30_frames_of_an_object_that_narrows_are_those_of_the_reference(rendered, config):
+    clip = narrowing(rendered)
+    infos = assert_same_steps(clip, config)
+    ratios = np.array([info.box[3] / info.box[2] for info in infos]) / (clip.box[3] / clip.box[2])
+    # Up to a step of 1.06 for the one that is searched, and one by which the box is behind.
+    assert ratios[14] == pytest.approx(2**0.5, rel=0.12)
+    assert ratios[-1] == pytest.approx(1, rel=0.12)
+
+
 @each
 def test_30_frames_with_an_absence_are_those_of_the_reference(rendered, config):
     infos = assert_same_steps(rendered, config)
@@ -233,6 +252,7 @@ def test_every_number_of_the_settings_counts_as_in_the_reference():
         translation=TranslationFilter(weight=6.0, learning_rate=0.2, first_frame=0.1),
         colour=ColourHistograms(weight=8.0, learning_rate=0.3),
         scale=ScaleFilter(learning_rate=0.2, initial_pull=0.9),
+        aspect=AspectRatio(similar_above=0.3, gain_above=0.01, cost=0.3),
         rotation=RotationFilter(
             similar_above=0.3, gain_above=0.02, gain_below=0.01, follow_above=0.5
         ),

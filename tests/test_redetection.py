@@ -1,6 +1,7 @@
 """Re-detection: the search windows, and which candidate is taken."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,14 +13,14 @@ from hypothesis import strategies as st
 from layout import reference_settings
 
 from dcs_jax.config import Config, Redetection
-from dcs_jax.core.window import canvas_box
+from dcs_jax.core.window import place
 from dcs_jax.extensions import redetection
 from dcs_jax.types import Candidate, VerificationState
 
 SHAPE = (240, 320)
 CONFIG = Config()
 BOX = jnp.array([100.0, 80.0, 40.0, 30.0])
-REACHED = canvas_box(BOX, CONFIG)[2:] * (CONFIG.window_factor - 1)
+REACHED = place(BOX, CONFIG).shown[2:] * (CONFIG.window_factor - 1)
 LOOK = jax.tree_util.Partial(lambda box, angle: box)
 RESTS = jax.tree_util.Partial(lambda candidate: jnp.array(False))
 
@@ -32,6 +33,15 @@ def missed(frames: int, verified: jax.Array = BOX) -> VerificationState:
     """That of an object that was verified there so many frames ago."""
     nothing = jnp.zeros(20)
     return VerificationState(nothing, nothing, nothing, verified, jnp.int32(frames), jnp.int32(0))
+
+
+def search(
+    localise: jax.tree_util.Partial,
+    rests: jax.tree_util.Partial,
+    known: VerificationState,
+    config: Config,
+) -> tuple[Candidate, Any]:
+    return redetection.search(LOOK, localise, rests, BOX, BOX[2:], None, known, SHAPE, config)
 
 
 def test_the_search_windows_cover_the_frame():
@@ -56,7 +66,7 @@ def test_the_search_windows_of_a_frame_are_those_of_the_reference(box, num_misse
     box = np.float32(box)
     config = dataclasses.replace(CONFIG, redetection=Redetection(windows=windows))
     settings = reference_settings(config)
-    reached = canvas_box(jnp.asarray(box), config)[2:] * (config.window_factor - 1)
+    reached = place(jnp.asarray(box), config).shown[2:] * (config.window_factor - 1)
     expected = reference.redetection.search_windows(box, num_missed, SHAPE, settings)
     numbers = windows * num_missed + np.arange(windows)
     found = [
@@ -81,9 +91,7 @@ def test_a_better_candidate_is_taken_where_the_object_was_missed(num_missed, her
         return candidate(box, jnp.where((seen == BOX).all(), *confidences))
 
     localise = jax.tree_util.Partial(best, jnp.array([here, there]))
-    found, seen = redetection.search(
-        LOOK, localise, RESTS, BOX, None, missed(num_missed), SHAPE, CONFIG
-    )
+    found, seen = search(localise, RESTS, missed(num_missed), CONFIG)
     # What is seen is that around the candidate, to learn from.
     np.testing.assert_array_equal(seen, found.box)
     assert bool((found.box != BOX).any()) == taken
@@ -97,9 +105,7 @@ def test_what_is_not_learned_from_is_not_looked_at(num_missed):
 
     sure = jax.tree_util.Partial(lambda candidate: candidate.confidence > 0.9)
     localise = jax.tree_util.Partial(best)
-    found, seen = redetection.search(
-        LOOK, localise, sure, BOX, None, missed(num_missed), SHAPE, CONFIG
-    )
+    found, seen = search(localise, sure, missed(num_missed), CONFIG)
     np.testing.assert_array_equal(found.box, BOX + 1)
     assert (seen != found.box).any()
 
@@ -111,10 +117,7 @@ def test_the_windows_of_a_frame_follow_those_of_the_last():
     config = Config(redetection=Redetection(windows=2))
     target = redetection.search_window(BOX, jnp.int32(7), SHAPE, REACHED)
     localise = jax.tree_util.Partial(here_only, target)
-    found = [
-        redetection.search(LOOK, localise, RESTS, BOX, None, missed(frames), SHAPE, config)[0]
-        for frames in range(1, 6)
-    ]
+    found = [search(localise, RESTS, missed(frames), config)[0] for frames in range(1, 6)]
     assert [there.confidence > 0.9 for there in found] == [False, False, True, False, False]
 
 
@@ -137,7 +140,7 @@ def test_what_is_sure_where_it_was_verified_last_is_taken(num_missed, here, ther
     localise = jax.tree_util.Partial(best, list(jnp.array([here, there])))
     config = Config(redetection=settings)
     known = missed(num_missed, verified)
-    found, seen = redetection.search(LOOK, localise, RESTS, BOX, None, known, SHAPE, config)
+    found, seen = search(localise, RESTS, known, config)
     np.testing.assert_array_equal(found.box, verified if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)
 
@@ -158,7 +161,7 @@ def test_what_is_not_recognised_is_looked_for_by_the_first_frame(num_missed, her
 
     localise = jax.tree_util.Partial(best, jnp.array([here, by_first]))
     elsewhere = missed(num_missed, BOX + 50)
-    found, seen = redetection.search(LOOK, localise, RESTS, BOX, None, elsewhere, SHAPE, CONFIG)
+    found, seen = search(localise, RESTS, elsewhere, CONFIG)
     np.testing.assert_array_equal(found.box, BOX + 5 if taken else BOX)
     np.testing.assert_array_equal(seen, found.box)
 
@@ -169,5 +172,5 @@ def test_without_a_filter_there_is_no_other_look_by_the_first_frame():
 
     config = Config(translation=None)
     localise = jax.tree_util.Partial(best)
-    found, _ = redetection.search(LOOK, localise, RESTS, BOX, None, missed(0), SHAPE, config)
+    found, _ = search(localise, RESTS, missed(0), config)
     assert found.confidence == pytest.approx(0.1)

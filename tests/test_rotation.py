@@ -100,7 +100,7 @@ def test_on_the_turned_canvas_the_object_is_upright(seed, angle):
     window = integral(turned_texture(seed, angle, aspect))
     window = turn_window(window, angle, aspect)
     seen, upright = (
-        describe(cells, jnp.zeros(2), np.ones(1), GRID)[0]
+        describe(cells, jnp.zeros(2), np.ones((1, 2)), GRID)[0]
         for cells in (window, integral(texture(GRID, seed)))
     )
     assert (seen * upright).sum() > 0.97
@@ -149,7 +149,7 @@ def test_a_frame_counts_as_in_the_reference(seed, angle, held, gain, confidence)
     window, nowhere = integral(cells), jnp.zeros(2)
     first = texture(GRID, seed)
     description, initial = (
-        describe(seen, nowhere, np.ones(1), GRID)[0] for seen in (window, integral(first))
+        describe(seen, nowhere, np.ones((1, 2)), GRID)[0] for seen in (window, integral(first))
     )
     trained = rotation.init(polar(first, HERE, aspect))
     state = trained._replace(angle=number(held), gain=number(gain))

@@ -15,6 +15,7 @@ from dcs_jax.config import Config
 from dcs_jax.core.haar import draw_pool
 from dcs_jax.core.search import ConfidenceMap, confidence_map, find_peak, parabola_peak
 from dcs_jax.core.weak import init_weak
+from dcs_jax.core.window import place
 from dcs_jax.types import Strong
 
 CONFIG = Config(canvas=(12, 10), parts=5, selectors=4, pool_size=3)
@@ -25,7 +26,8 @@ BOX = np.array([100, 120, 30, 24], np.float32)
 @functools.partial(jax.jit, static_argnames="subcell")
 def peak_of(score_map, box, config, subcell, middle=(0, 0)):
     middle = jnp.asarray(middle, jnp.int32)
-    return find_peak(score_map, box, FRAME, config, subcell=subcell, middle=middle)
+    placed = place(box, config)
+    return find_peak(score_map, placed, FRAME, config, subcell=subcell, middle=middle)
 
 
 def random_classifiers(seed: int, weak_rule: str = "midpoint"):

@@ -13,6 +13,7 @@ from reference import translation as expected
 from textures import integral, texture
 
 from dcs_jax.config import Config, TranslationFilter
+from dcs_jax.core.window import place
 from dcs_jax.extensions import translation
 
 CONFIG = Config(canvas=(24, 20))
@@ -25,6 +26,10 @@ BOX = jnp.array([400, 400, 40, 48], jnp.float32)  # of two pixels a cell
 
 def features(cells: np.ndarray) -> jax.Array:
     return translation.features(integral(cells), GRID)
+
+
+def middle_of(response: jax.Array, box: jax.Array, config: Config) -> jax.Array:
+    return translation.search_middle(response, place(box, config), FRAME, config)
 
 
 def window(seed: int, shift: tuple[int, int] = (0, 0)) -> np.ndarray:
@@ -53,7 +58,7 @@ def test_filter_and_score_are_those_of_the_reference(seed, shift, prior):
     of_reference = expected.respond(
         expected.init(first, settings.translation, GRID), second, settings.translation, GRID
     )
-    middle = translation.search_middle(response, BOX, FRAME, config)
+    middle = middle_of(response, BOX, config)
     assert (np.asarray(middle) % 2 == 0).all()
     best = expected.search_middle(of_reference, lambda _: 0.0, np.asarray(BOX), FRAME, settings)
     scores = [expected.score(of_reference, np.asarray(m), settings) for m in (middle, best)]
@@ -78,9 +83,9 @@ def test_responses_are_those_of_the_reference(seed, down, across, rate):
     known = expected.init(windows[0], of_reference, GRID)
     second = expected.train(windows[1], of_reference, GRID)
     known = known._replace(running=filters.interpolate(known.running, second, rate))
-    place = np.array([down, across], np.float32)
-    found = translation.responses(state, features(windows[2]), jnp.asarray(place), GRID)
-    wanted = expected.responses(known, windows[2], place, GRID)
+    at = np.array([down, across], np.float32)
+    found = translation.responses(state, features(windows[2]), jnp.asarray(at), GRID)
+    wanted = expected.responses(known, windows[2], at, GRID)
     np.testing.assert_allclose(found, wanted, atol=4e-3)
 
 
@@ -99,7 +104,7 @@ def test_the_score_peaks_at_the_displacement_of_a_shifted_window(seed, down, acr
     state = translation.init(features(window(seed)), SETTINGS, GRID)
     shift = np.array([2 * down, 2 * across])  # whole cells of the filter
     response = translation.respond(state, features(window(seed, shift=tuple(shift))), SETTINGS)
-    middle = translation.search_middle(response, BOX, FRAME, CONFIG)
+    middle = middle_of(response, BOX, CONFIG)
     np.testing.assert_allclose(middle, shift, atol=2)
     score = translation.score(response, middle, CONFIG)
     row, column = np.unravel_index(np.argmax(score), score.shape)
@@ -111,7 +116,7 @@ def test_a_window_of_one_colour_is_searched_in_its_middle():
     state = translation.init(features(window(1)), SETTINGS, GRID)
     flat = translation.respond(state, features(np.zeros(GRID.window)), SETTINGS)
     config = dataclasses.replace(CONFIG, prior=0.0)
-    np.testing.assert_array_equal(translation.search_middle(flat, BOX, FRAME, config), 0)
+    np.testing.assert_array_equal(middle_of(flat, BOX, config), 0)
 
 
 def test_the_search_window_keeps_to_what_the_filter_sees_and_the_box_to_the_frame():
@@ -121,11 +126,11 @@ def test_the_search_window_keeps_to_what_the_filter_sees_and_the_box_to_the_fram
         GRID.margin_rows - CONFIG.search_grid.margin_rows,
         GRID.margin_columns - CONFIG.search_grid.margin_columns,
     )
-    middle = translation.search_middle(response, BOX, FRAME, CONFIG)
+    middle = middle_of(response, BOX, CONFIG)
     assert (np.abs(middle) <= limits).all()
     corner = BOX.at[:2].set(0)
     response = translation.respond(state, features(window(3, shift=(-8, -8))), SETTINGS)
-    assert (np.asarray(translation.search_middle(response, corner, FRAME, CONFIG)) >= 0).all()
+    assert (np.asarray(middle_of(response, corner, CONFIG)) >= 0).all()
 
 
 def test_the_first_frame_keeps_its_weight_in_the_score():

@@ -15,8 +15,8 @@ from dcs_jax.config import Config
 from dcs_jax.core import window
 from dcs_jax.core.window import (
     VideoFrame,
-    canvas_box,
     column_sums,
+    place,
     reach,
     to_grey,
     window_integral,
@@ -56,7 +56,7 @@ def from_the_whole_frame(frames, number, box):
 
 @jax.jit
 def reach_of(box, config):
-    return reach(box, (HEIGHT, WIDTH), config)
+    return reach(place(box, config), (HEIGHT, WIDTH), config)
 
 
 @given(box=boxes, seed=st.integers(0, 2**31))
@@ -110,14 +110,29 @@ def test_reach_is_that_of_the_reference(box, overhang, squareness):
 @given(box=boxes, squareness=st.sampled_from([0.0, 0.3, 1.0]))
 def test_the_canvas_shows_a_box_of_the_same_area_and_centre(box, squareness):
     box = np.float32(box)
-    shown = np.asarray(
-        canvas_box(jnp.asarray(box), dataclasses.replace(CONFIG, squareness=squareness))
-    )
-    np.testing.assert_allclose(shown, reference.shown_box(box, squareness), rtol=1e-5, atol=1e-4)
+    config = dataclasses.replace(CONFIG, squareness=squareness)
+    shown = np.asarray(place(jnp.asarray(box), config).shown)
+    expected = reference.shown_box(box, reference_settings(config))
+    np.testing.assert_allclose(shown, expected, rtol=1e-5, atol=1e-4)
     if squareness == 0:
         np.testing.assert_array_equal(shown, box)
     if squareness == 1:
         np.testing.assert_allclose(shown[2], shown[3], rtol=1e-5)
+
+
+@given(box=boxes, taller=st.floats(0.5, 2, width=32), squareness=st.sampled_from([0.0, 0.3, 1.0]))
+def test_the_canvas_gets_narrower_with_the_box(box, taller, squareness):
+    """So that it shows an object that has got narrower as it was."""
+    config = dataclasses.replace(CONFIG, squareness=squareness)
+    x, y, w, h = map(float, box)
+    initial_size = jnp.array([w, h / taller], jnp.float32)
+    shown = np.asarray(place(jnp.array([x, y, w, h]), config, initial_size).shown)
+    of_first = np.asarray(place(jnp.array([x, y, *initial_size]), config).shown)
+    np.testing.assert_allclose(shown[2:], of_first[2:] * (1, taller), rtol=1e-5)
+    np.testing.assert_allclose(shown[:2] + shown[2:] / 2, (x + w / 2, y + h / 2), atol=1e-3)
+    settings = dataclasses.replace(reference_settings(config), initial_size=(w, h / taller))
+    expected = reference.shown_box(np.array([x, y, w, h]), settings)
+    np.testing.assert_allclose(shown, expected, rtol=1e-5, atol=1e-3)
 
 
 def test_grey_values_are_those_of_the_reference():

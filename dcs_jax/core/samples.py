@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from dcs_jax.config import Config, Grid
-from dcs_jax.core.window import reach
+from dcs_jax.core.window import Placed, reach
 
 # The tracked box counts as four samples of label +1, so that both classes weigh the same; the four
 # corner candidates of the window are -1. Equal samples are stored once, with their multiplicity.
@@ -35,7 +35,7 @@ def part_rectangles(grid: Grid, parts: int) -> tuple[tuple[int, int, int, int], 
 @jax.named_scope("Haar responses")
 def training_patches(
     integral: Float[Array, "lines_y lines_x"],
-    box: Float[Array, "4"],
+    placed: Placed,
     frame_shape: tuple[int, ...],
     config: Config,
 ) -> Float[Array, "cells R"]:
@@ -46,11 +46,11 @@ def training_patches(
     row (with the patch axis first, the responses take 20 times as long on the CPU).
 
     integral: [G_y + 1, G_x + 1], of the window around the tracked box.
-    box: [4] x, y, w, h in pixels. frame_shape: (H, W) or (H, W, 3).
+    placed: that box. frame_shape: (H, W) or (H, W, 3).
     """
     grid = config.grid
     middle = jnp.array([grid.margin_rows, grid.margin_columns], jnp.int32)
-    (top, left), (bottom, right) = (middle + limit for limit in reach(box, frame_shape, config))
+    (top, left), (bottom, right) = (middle + limit for limit in reach(placed, frame_shape, config))
     positions = (tuple(middle), (top, left), (top, right), (bottom, left), (bottom, right))
     size = (grid.rows + 1, grid.columns + 1)
     patches = [jax.lax.dynamic_slice(integral, position, size) for position in positions]

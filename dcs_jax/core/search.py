@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int32, Shaped
 from dcs_jax.config import Config, Grid
 from dcs_jax.core.haar import CORNERS_OF_BOXES, responses
 from dcs_jax.core.weak import vote
-from dcs_jax.core.window import canvas_box, reach, turned
+from dcs_jax.core.window import Placed, reach, turned
 from dcs_jax.types import Pool, Scalar, Strong, Weak
 
 # 1 - p of a part is not taken below this, or one part would outvote all the others.
@@ -134,7 +134,7 @@ def search_window(
 @jax.named_scope("peak")
 def find_peak(
     score_map: Float[Array, "C_y C_x"],
-    box: Float[Array, "4"],
+    placed: Placed,
     frame_shape: tuple[int, ...],
     config: Config,
     *,
@@ -148,7 +148,7 @@ def find_peak(
     best positions the one nearest to the last, and of the plateau around it the centroid. The
     first index would drift up and to the left even on a still scene.
 
-    score_map: [C_y, C_x]. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    score_map: [C_y, C_x]. placed: the last box. frame_shape: (H, W) or (H, W, 3).
     middle: [2], displacement of the search window from the last box, down and right, cells.
     subcell: whether a single best position is refined by a parabola through its neighbours, for a
         score map that is smooth.
@@ -156,7 +156,7 @@ def find_peak(
     """
     down, right = displacements(config.search_grid, middle)
     down, right = down[:, None], right[None, :]
-    score, best, nearest = best_positions(score_map, down, right, box, frame_shape, config, turn)
+    score, best, nearest = best_positions(score_map, down, right, placed, frame_shape, config, turn)
     seed = (jnp.arange(best.size, dtype=jnp.int32) == nearest).reshape(best.shape)
     plateau = _connected(seed, best).astype(jnp.float32)
     centroid = jnp.stack([(plateau * down).sum(), (plateau * right).sum()]) / plateau.sum()
@@ -187,7 +187,7 @@ def best_positions(
     score_map: Float[Array, "rows columns"],
     down: Float[Array, "rows 1"],
     right: Float[Array, "1 columns"],
-    box: Float[Array, "4"],
+    placed: Placed,
     frame_shape: tuple[int, ...],
     config: Config,
     turn: Float[Array, "2 2"] | None = None,
@@ -195,14 +195,14 @@ def best_positions(
     """The score with the motion prior, which positions share the best, and one of these.
 
     down, right: displacements of the positions from the last box, cells, on a canvas that is turned
-    so (`extensions.rotation`). box: [4], the last one.
+    so (`extensions.rotation`). placed: the last box.
     Returns score_map - prior * d^2 / (w h), with d in pixels, and -inf where the box may not be
     (`reach`); where that is at its best; and of these positions the number of the least displaced.
     """
-    _, _, w, h = canvas_box(box, config)
+    _, _, w, h = placed.shown
     rows, columns = config.grid.rows, config.grid.columns
     squared = (down / rows) ** 2 * (h / w) + (right / columns) ** 2 * (w / h)
-    low, high = (limit.astype(jnp.float32) for limit in reach(box, frame_shape, config))
+    low, high = (limit.astype(jnp.float32) for limit in reach(placed, frame_shape, config))
     if turn is not None:
         down, right = turned(turn, down, right)
     allowed = (low[0] <= down) & (down <= high[0]) & (low[1] <= right) & (right <= high[1])

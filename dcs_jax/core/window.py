@@ -334,20 +334,34 @@ def share_column_sums(boxes: int, frame_shape: tuple[int, ...]) -> bool:
     return boxes > 1 and 2 * boxes * _TYPICAL_BLOCK**2 > frame_shape[0] * frame_shape[1]
 
 
-def canvas_box(box: Float[Array, "4"], config: Config) -> Float[Array, "4"]:
-    """What the canvas shows of the object: its box, more of a square by `squareness`: [4].
+class Placed(NamedTuple):
+    """A box of a track, and what the canvas shows there: each [4] x, y, w, h in pixels."""
 
-    The same area around the same centre. box: [4] x, y, w, h in pixels.
+    box: Float[Array, "4"]
+    shown: Float[Array, "4"]
+
+
+def place(
+    box: Float[Array, "4"], config: Config, initial_size: Float[Array, "2"] | None = None
+) -> Placed:
+    """A box with what the canvas shows there: the same area, more of a square by `squareness`.
+
+    In proportion to the box that is the same in the whole track, by its first one: where the box
+    gets narrower with its object (`extensions.aspect`), so does the canvas, and shows it as before.
+
+    box: [4] x, y, w, h in pixels. initial_size: [2], w and h of the first one; None: that is this.
     """
     x, y, w, h = box
-    wider = (h / w) ** (config.squareness / 2)
-    return jnp.stack([x + w * (1 - wider) / 2, y + h * (1 - 1 / wider) / 2, w * wider, h / wider])
+    first_w, first_h = box[2:] if initial_size is None else initial_size
+    wider = (first_h / first_w) ** (config.squareness / 2)
+    shown = [x + w * (1 - wider) / 2, y + h * (1 - 1 / wider) / 2, w * wider, h / wider]
+    return Placed(box, jnp.stack(shown))
 
 
-def cell_aspect(box: Float[Array, "4"], config: Config) -> Float[Array, ""]:
-    """Height of a canvas cell over its width: []; box: [4] x, y, w, h in pixels."""
-    _, _, w, h = canvas_box(box, config)
-    return h * config.grid.columns / (w * config.grid.rows)
+def cell_aspect(shown: Float[Array, "4"], grid: Grid) -> Float[Array, ""]:
+    """Height of a canvas cell over its width: []; shown: [4], what the canvas shows."""
+    _, _, w, h = shown
+    return h * grid.columns / (w * grid.rows)
 
 
 def turned(
@@ -364,19 +378,19 @@ def _pixel(line: Float[Array, "*lines"], pixels: int) -> Int32[Array, "*lines"]:
 
 
 def reach(
-    box: Float[Array, "4"], frame_shape: tuple[int, ...], config: Config
+    placed: Placed, frame_shape: tuple[int, ...], config: Config
 ) -> tuple[Int32[Array, "2"], Int32[Array, "2"]]:
     """Least and greatest displacement of the box, [2] down and right, int32 cells.
 
     The box stays within the window, and leaves the frame by the overhang at most: what lies outside
     is not part of the picture, neither to search nor to learn from. No motion is always possible.
 
-    box: [4] x, y, w, h in pixels. frame_shape: (H, W) or (H, W, 3).
+    frame_shape: (H, W) or (H, W, 3).
     """
     grid = config.grid
-    x, y, w, h = box
+    x, y, w, h = placed.box
     corner, size = jnp.stack([y, x]), jnp.stack([h, w])
-    _, _, shown_w, shown_h = canvas_box(box, config)
+    _, _, shown_w, shown_h = placed.shown
     # Cells per pixel.
     cells = jnp.array([grid.rows, grid.columns], jnp.float32) / jnp.stack([shown_h, shown_w])
     margin = jnp.array([grid.margin_rows, grid.margin_columns], jnp.float32)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int32, UInt8
 
 from dcs_jax.config import ColourHistograms, Config, Grid
-from dcs_jax.core.window import ColumnSums, VideoFrame, canvas_box, window_colours
+from dcs_jax.core.window import ColumnSums, Placed, VideoFrame, window_colours
 from dcs_jax.extensions import filters
 from dcs_jax.types import ColourState, Scalar
 
@@ -33,15 +33,13 @@ _OBJECT, _NEAR, _AROUND = 0.8, 1.1, 2.5
 _COLOURFUL = 8.0
 
 
-def init(
-    colours: UInt8[Array, "Y X 3"] | None, box: Float[Array, "4"], config: Config
-) -> ColourState:
+def init(colours: UInt8[Array, "Y X 3"] | None, placed: Placed, config: Config) -> ColourState:
     """The histograms of the first frame; colours: of the window around the box, or None."""
     if colours is None:
         nothing = jnp.zeros(_BINS**3, jnp.float32)
         return ColourState(nothing, nothing, jnp.zeros((), jnp.float32))
     difference = (colours.max(2) - colours.min(2)).astype(jnp.float32).mean()
-    inside, outside = _histograms(colours, box, config)
+    inside, outside = _histograms(colours, placed, config)
     return ColourState(inside, outside, jnp.minimum(difference / _COLOURFUL, 1))
 
 
@@ -71,7 +69,7 @@ def respond(
 @jax.named_scope("colour")
 def score(
     response: Float[Array, "Y X"],
-    box: Float[Array, "4"],
+    placed: Placed,
     config: Config,
     down: Float[Array, " rows"],
     right: Float[Array, " columns"],
@@ -80,7 +78,7 @@ def score(
 
     response: as of `respond`, in the window around the box. down, right: displacements, cells.
     """
-    height, width = _half_sides(box, config)
+    height, width = _half_sides(placed, config.grid)
     rows, columns = response.shape
     over_rows = _cover(rows, _OBJECT * height, down / _side(config.grid))
     over_columns = _cover(columns, _OBJECT * width, right / _side(config.grid))
@@ -95,17 +93,17 @@ def update(
     state: ColourState,
     colours: UInt8[Array, "Y X 3"],
     settings: ColourHistograms,
-    box: Float[Array, "4"],
+    placed: Placed,
     config: Config,
 ) -> ColourState:
     """The running means after one more frame; colours: of the window around the new box."""
-    inside, outside = _histograms(colours, box, config)
+    inside, outside = _histograms(colours, placed, config)
     seen = ColourState(inside, outside, state.colourful)
     return filters.interpolate(state, seen, settings.learning_rate)
 
 
 def _histograms(
-    colours: UInt8[Array, "Y X 3"], box: Float[Array, "4"], config: Config
+    colours: UInt8[Array, "Y X 3"], placed: Placed, config: Config
 ) -> Float[Array, "2 bins"]:
     """How frequent each colour is in the object and around it: [2, bins], each with the sum 1."""
     # Nothing further away counts in either.
@@ -123,7 +121,7 @@ def _histograms(
         over_rows, over_columns = _cover(rows, height, here), _cover(columns, width, here)
         return over_rows.T * over_columns
 
-    height, width = _half_sides(box, config)
+    height, width = _half_sides(placed, config.grid)
     inside = cover(_OBJECT * height, _OBJECT * width)
     near = jnp.minimum(_NEAR * height, far[0]), jnp.minimum(_NEAR * width, far[1])
     weights = jnp.stack([inside, cover(*far) - cover(*near)]).reshape(2, -1)
@@ -147,11 +145,9 @@ def _side(grid: Grid) -> int:
     return 2 if grid.rows % 2 == 0 and grid.columns % 2 == 0 else 1
 
 
-def _half_sides(
-    box: Float[Array, "4"], config: Config
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def _half_sides(placed: Placed, grid: Grid) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Half the height and half the width of the box, in pixels that are read."""
-    shown, grid = canvas_box(box, config), config.grid
+    box, shown = placed
     height, width = box[3] / shown[3] * grid.rows, box[2] / shown[2] * grid.columns
     return height / (2 * _side(grid)), width / (2 * _side(grid))
 

@@ -17,38 +17,43 @@ _ROUNDING = 1e-6
 def describe(
     integral: Float[Array, "lines_y lines_x"],
     displacement: Float[Array, "2"],
-    factors: np.ndarray,
+    factors: np.ndarray | Float[Array, "S 2"],
     grid: Grid,
+    most: float | None = None,
 ) -> Float[Array, "S D"]:
-    """Descriptions of the object's patch at a position, at S scales: [S, D].
+    """Descriptions of the object's patch at a position, in S sizes: [S, D].
 
     The patch is resampled from the window's integral image by exact area means. Beyond the window
     it has the grey value of the pixel at the centre of the window's box.
 
     integral: [G_y + 1, G_x + 1], of a window. displacement: [2] down and right from the middle of
-    the window, cells. factors: [S], scales relative to the object's.
+    the window, cells. factors: [S, 2], height and width relative to the object's. most: the largest
+    one of them or more, which has to be said of traced ones.
     """
     sides = np.array([grid.rows, grid.columns])
     lines = np.array(integral.shape)
+    if most is None:
+        most = float(np.max(factors))
     # Only these lines of the integral image can be needed.
-    near = np.minimum(np.ceil(sides * factors.max()).astype(int) + 2, lines)
+    near = np.minimum(np.ceil(sides * most).astype(int) + 2, lines)
     middle = displacement + jnp.asarray(lines - 1, jnp.float32) / 2
     first = jnp.floor(middle - jnp.asarray(near - 2, jnp.float32) / 2).astype(jnp.int32)
     first = jnp.clip(first, 0, jnp.asarray(lines - near, jnp.int32))
     part = jax.lax.dynamic_slice(integral, first, near)
-    along = factors[:, None] * (np.arange(SIDE + 1) / SIDE - 0.5)
+    factors = jnp.asarray(factors, jnp.float32)
+    along = jnp.asarray(np.arange(SIDE + 1) / SIDE - 0.5, jnp.float32)
 
     def between(axis: int) -> Float[Array, "S side near"]:
         """What each line counts for the difference between two lines of the patch."""
-        line = middle[axis] + jnp.asarray(sides[axis] * along, jnp.float32)
+        line = middle[axis] + float(sides[axis]) * factors[:, axis, None] * along[None]
         line = jnp.clip(line, 0, float(lines[axis] - 1)) - first[axis].astype(jnp.float32)
         away = jnp.abs(line[..., None] - jnp.arange(near[axis], dtype=jnp.float32)[None, None])
         return jnp.diff(jnp.maximum(1 - away, 0), axis=1)
 
     sums = jnp.einsum("syg,gh->syh", between(0), part)
     means = jnp.einsum("syh,sxh->syx", sums, between(1))
-    cells = sides.prod() * np.square(factors / SIDE)
-    return jax.vmap(describe_patch)(means / jnp.asarray(cells, jnp.float32)[:, None, None])
+    cells = float(sides.prod() / SIDE**2) * factors.prod(1)
+    return jax.vmap(describe_patch)(means / cells[:, None, None])
 
 
 def describe_patch(patch: Float[Array, "side side"]) -> Float[Array, " D"]:

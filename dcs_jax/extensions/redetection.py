@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int32
 
 from dcs_jax.config import Config
-from dcs_jax.core.window import canvas_box
+from dcs_jax.core.window import place
 from dcs_jax.types import Candidate, Scalar, VerificationState
 
 # Turn of the search, that after its last one, the best candidate and what is seen in this turn.
@@ -19,6 +19,7 @@ def search(
     localise: jax.tree_util.Partial,
     rests: jax.tree_util.Partial,
     box: Float[Array, "4"],
+    initial_size: Float[Array, "2"],
     angle: Float[Array, ""] | None,
     known: VerificationState | None,
     frame_shape: tuple[int, ...],
@@ -33,7 +34,7 @@ def search(
     is in front of the object. A loop, whose last turn looks at the candidate, if that is to be
     learned from: what it takes to look and to localise is compiled once.
 
-    known: the state of the verification, None without.
+    initial_size: [2], w and h of the first box. known: the state of the verification, None without.
     angle: of the canvas, None without a rotation filter.
     look: from a box and an angle to what is seen of the frame around it. localise: from a box, what
         is seen there and whether by the first frame alone to the candidate. rests: from the
@@ -102,7 +103,7 @@ def search(
         nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
         return jax.lax.while_loop(goes_on, turn, (jnp.int32(0), jnp.int32(1), *nothing))[2:]
 
-    reached = canvas_box(verified, config)[2:] * (config.window_factor - 1)
+    reached = place(verified, config, initial_size).shown[2:] * (config.window_factor - 1)
     limits = jnp.float32(lost_below), jnp.float32(sure_above), jnp.float32(accept_above)
     given = look, localise, rests, box, angle, verified, reached, num_missed, *limits
     return search_all(*jax.tree.map(jnp.asarray, given))

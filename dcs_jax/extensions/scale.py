@@ -22,10 +22,14 @@ _LEAST_SIDE = 8.0
 
 
 def factors(settings: ScaleFilter | None) -> np.ndarray:
-    """The scales to compare, relative to the present one, which is in the middle: [S]."""
+    """Height and width of the scales to compare, the present one in the middle: [S, 2].
+
+    Relative to the present one; that alone without a scale filter.
+    """
     if settings is None:
-        return np.ones(1)
-    return settings.step ** (np.arange(settings.num_scales) - settings.num_scales // 2.0)
+        return np.ones((1, 2))
+    scales = settings.step ** (np.arange(settings.num_scales) - settings.num_scales // 2.0)
+    return np.stack([scales, scales], axis=1)
 
 
 def init(descriptions: Float[Array, "S D"]) -> Filter:

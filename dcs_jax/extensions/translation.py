@@ -15,6 +15,7 @@ from jaxtyping import Array, Complex, Float, Int32
 
 from dcs_jax.config import Config, Grid, TranslationFilter
 from dcs_jax.core.search import best_positions
+from dcs_jax.core.window import Placed
 from dcs_jax.extensions import filters
 from dcs_jax.extensions.gradients import gradient_cells
 from dcs_jax.types import Filter, TranslationState
@@ -77,7 +78,7 @@ def responses(
 @jax.named_scope("translation")
 def search_middle(
     response: Complex[Array, "Y half"],
-    box: Float[Array, "4"],
+    placed: Placed,
     frame_shape: tuple[int, ...],
     config: Config,
     more: Callable[[Float[Array, " n"], Float[Array, " m"]], Float[Array, "n m"]] | None = None,
@@ -88,7 +89,7 @@ def search_middle(
     The peak of its score and `more`, less the motion prior, from which the search window does not
     leave the one that the filter sees: a displacement of the search window from the last box.
 
-    response: as of `respond`. box: [4], the last one. frame_shape: (H, W) or (H, W, 3).
+    response: as of `respond`. placed: the last box. frame_shape: (H, W) or (H, W, 3).
     more: another cue's score at displacements down [n] and right [m], cells. turn: [2, 2], how the
     canvas is turned (`extensions.rotation`).
     """
@@ -104,7 +105,7 @@ def search_middle(
     if more is not None:
         scores += more(down, right)
     down, right = down[:, None], right[None, :]
-    _, _, nearest = best_positions(scores, down, right, box, frame_shape, config, turn)
+    _, _, nearest = best_positions(scores, down, right, placed, frame_shape, config, turn)
     row, column = jnp.divmod(nearest, scores.shape[1])
     return cell * jnp.stack([row - limits[0], column - limits[1]])
 

@@ -14,6 +14,7 @@ a module, the functions of the paper's own part stand here.
 """
 
 from . import (
+    aspect,
     colour,
     descriptors,
     filters,
@@ -26,6 +27,7 @@ from . import (
 )
 from .haar import Box, boxes_of, cell_weights, haar_map, haar_response, parts_of
 from .records import (
+    AspectRatio,
     Candidate,
     ColourHistograms,
     Grid,
@@ -73,6 +75,7 @@ from .window import cell_aspect, cell_means, grey, integral, shown_box, turned, 
 
 __all__ = [
     "LABELS",
+    "AspectRatio",
     "Box",
     "Candidate",
     "ColourHistograms",
@@ -87,6 +90,7 @@ __all__ = [
     "Tracker",
     "TranslationFilter",
     "Verification",
+    "aspect",
     "bag_log_likelihood",
     "boxes_of",
     "cell_aspect",

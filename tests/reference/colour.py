@@ -110,7 +110,7 @@ def window_colours(
     if frame.ndim == 2:
         return None
     grid, step = settings.grid, spacing(settings.grid)
-    x, y, width, height = shown_box(box, settings.squareness)
+    x, y, width, height = shown_box(box, settings)
     rows, columns = (count // step for count in grid.window)
     colours = np.zeros((rows, columns, 3), np.uint8)
     for i in range(rows):
@@ -139,7 +139,7 @@ def bin_of(pixel: Integers) -> int:
 def half_sides(box: Floats, settings: Settings) -> Floats:
     """Half the height and width [2] of the box, in blocks."""
     grid = settings.grid
-    _, _, width, height = shown_box(box, settings.squareness)
+    _, _, width, height = shown_box(box, settings)
     cells = np.array([box[3] / height * grid.rows, box[2] / width * grid.columns])
     return cells / spacing(grid) / 2
 

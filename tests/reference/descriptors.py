@@ -9,15 +9,20 @@ SIDE, CELL = 32, 4  # of a patch and of its cells, pixels
 LEAST_SQUARE = 1e-6
 
 
-def describe(cells: Floats, displacement: Floats, factor: float, grid: Grid) -> Floats:
+def describe(
+    cells: Floats, displacement: Floats, factor: float, grid: Grid, taller: float = 1.0
+) -> Floats:
     """Unit vector [D] of the patch at a position, so many times as large as the object.
 
     Each of 32 x 32 pixels is the mean of the cells it covers; beyond the window they are 0.
 
     cells: [Gy, Gx], of the window. displacement: [2], down and across from its middle, cells.
+    taller: aspect ratio of the patch, height over width, relative to the object's; the area is the
+    same.
     """
-    down = overlaps(grid.rows * factor, displacement[0], cells.shape[0])
-    across = overlaps(grid.columns * factor, displacement[1], cells.shape[1])
+    root = np.sqrt(taller)
+    down = overlaps(grid.rows * factor * root, displacement[0], cells.shape[0])
+    across = overlaps(grid.columns * factor / root, displacement[1], cells.shape[1])
     return describe_patch(down @ cells @ across.T)
 
 

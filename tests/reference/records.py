@@ -169,6 +169,15 @@ class RotationFilter:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AspectRatio:
+    """similar_above, gain_above: what another aspect ratio than the first one needs."""
+
+    similar_above: float
+    gain_above: float
+    cost: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Redetection:
     """windows: further search windows in a frame."""
 
@@ -181,7 +190,8 @@ class Settings:
     """What one run is set to: the fields of `dcs_jax.config.Config`, which says what they mean.
 
     canvas: cells per side of the object, or (rows, columns). translation, colour, scale,
-    verification, redetection, rotation: None where the component is switched off.
+    verification, redetection, rotation, aspect: None where the component is switched off.
+    initial_size: w and h of the first box of a track, pixels; None: those of the box asked for.
     """
 
     canvas: int | tuple[int, int]
@@ -206,6 +216,8 @@ class Settings:
     verification: Verification | None
     redetection: Redetection | None
     rotation: RotationFilter | None
+    aspect: AspectRatio | None
+    initial_size: tuple[float, float] | None = None
 
     @property
     def grid(self) -> Grid:

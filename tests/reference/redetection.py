@@ -35,7 +35,7 @@ def tiling(box: Floats, frame_shape: tuple[int, ...], settings: Settings) -> lis
     the frame is divided into the least number of equal tiles that are not larger than that twice.
     """
     _, _, width, height = box
-    _, _, shown_width, shown_height = shown_box(box, settings.squareness)
+    _, _, shown_width, shown_height = shown_box(box, settings)
     rows = math.ceil(frame_shape[0] / (shown_height * (settings.window_factor - 1)))
     columns = math.ceil(frame_shape[1] / (shown_width * (settings.window_factor - 1)))
     boxes = []

@@ -22,7 +22,7 @@ def reachable(
     """
     grid, overhang = settings.grid, settings.overhang
     x, y, width, height = (float(number) for number in box)
-    _, _, shown_width, shown_height = shown_box(box, settings.squareness)
+    _, _, shown_width, shown_height = shown_box(box, settings)
     cell_height, cell_width = shown_height / grid.rows, shown_width / grid.columns
     return (
         _reachable_axis(y, height, frame_shape[0], cell_height, grid.margin_rows, overhang),

@@ -18,7 +18,7 @@ def squared_distances(box: Floats, settings: Settings, middle: Integers = HERE) 
     middle: [2], displacement of the search window from the last box (down, across), cells.
     """
     grid = settings.search_grid
-    _, _, width, height = shown_box(box, settings.squareness)
+    _, _, width, height = shown_box(box, settings)
     distances = np.zeros(grid.positions)
     for i in range(grid.positions[0]):
         for j in range(grid.positions[1]):
@@ -98,7 +98,7 @@ def move(
     """
     displacement = turned(displacement, angle, cell_aspect(box, settings))
     x, y, width, height = box
-    _, _, shown_width, shown_height = shown_box(box, settings.squareness)
+    _, _, shown_width, shown_height = shown_box(box, settings)
     centre_x = x + displacement[1] * shown_width / settings.grid.columns + width / 2
     centre_y = y + displacement[0] * shown_height / settings.grid.rows + height / 2
     centre_x = min(max(centre_x, 0), frame_shape[1])

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from . import (
+    aspect,
     colour,
     redetection,
     rotation,
@@ -21,7 +22,7 @@ from . import (
     weak,
 )
 from .colour import ColourState
-from .descriptors import describe_scales
+from .descriptors import describe, describe_scales
 from .filters import Filter
 from .records import Candidate, Floats, Integers, Maps, Pool, Settings, StepInfo
 from .rotation import RotationState
@@ -68,6 +69,8 @@ class Tracker:
     def __post_init__(self) -> None:
         self.box = np.array(self.box, np.float64)
         self.initial_size = np.array(self.initial_size, np.float64)
+        width, height = map(float, self.initial_size)
+        self.settings = replace(self.settings, initial_size=(width, height))
         self.pool = Pool(
             np.array(self.pool.corners, np.int64),
             np.array(self.pool.weights, np.float64),
@@ -117,7 +120,7 @@ class Tracker:
         if settings.verification:
             tracker.verification = verification.init(own_scale(descriptions), tracker.box)
         if settings.rotation:
-            tracker.rotation = rotation.init(tracker.polar(cells, HERE))
+            tracker.rotation = rotation.init(tracker.polar(cells, HERE, tracker.box))
         return tracker
 
     def step(self, frame: np.ndarray) -> StepInfo:
@@ -151,7 +154,7 @@ class Tracker:
     def localise(self, frame: np.ndarray, box: Floats) -> Candidate:
         """The most likely position, and size, of the object in the window around a box."""
         settings = self.settings
-        cells = self.window(frame, box)
+        searched, cells = box, self.window(frame, box)
         maps, middle = self.search(frame, cells, box)
         subcell = settings.translation is not None
         distances = squared_distances(box, settings, middle)
@@ -174,35 +177,54 @@ class Tracker:
         if self.scale and settings.scale and not keep_size:
             steps = scale.estimate(self.scale, descriptions) - pull
             box = scale.resize(box, steps, frame.shape, settings.scale)
+        if self.verification and settings.aspect and not keep_size:
+            box = self.narrower(box, cells, displacement)
         responses = math.nan
         if self.translation and settings.translation:
             responses = translation.responses(self.translation, cells, displacement, settings.grid)
         part_scores = maps.probabilities[:, row, column]
-        rotated = self.turned(cells, displacement, confidence)
+        rotated = self.turned(cells, displacement, confidence, searched)
         return Candidate(box, confidence, noisy_or, part_scores, description, responses, rotated)
 
+    def narrower(self, box: Floats, cells: Floats, displacement: Floats) -> Floats:
+        """The box [4] in the aspect ratio that the object has.
+
+        cells: [Gy, Gx], of the window. displacement: [2], from its middle, cells.
+        """
+        known, settings = self.verification, self.settings.aspect
+        assert known
+        assert settings
+
+        def similarity(steps: float) -> float:
+            taller = aspect.STEP**steps
+            patch = describe(cells, displacement, 1.0, self.settings.grid, taller)
+            return float(known.initial @ patch)
+
+        return aspect.follow(box, self.initial_size, similarity, settings)
+
     def turned(
-        self, cells: Floats, displacement: Floats, confidence: float
+        self, cells: Floats, displacement: Floats, confidence: float, box: Floats
     ) -> RotationState | None:
         """The state of the rotation filter after a frame in which the object is there.
 
-        cells: [Gy, Gx], of the turned window. displacement: [2], from its middle, cells.
+        cells: [Gy, Gx], of the turned window around a box. displacement: [2], from its middle,
+        cells.
         """
         state, known, settings = self.rotation, self.verification, self.settings.rotation
         if not (state and known and settings):
             return None
-        aspect = cell_aspect(self.box, self.settings)
+        of_cell = cell_aspect(box, self.settings)
 
         def similarity(angle: float) -> float:
             if angle == 0:
                 description = own_scale(self.describe(cells, displacement))
             else:
                 description = rotation.describe_turned(
-                    cells, displacement, angle, aspect, self.settings.grid
+                    cells, displacement, angle, of_cell, self.settings.grid
                 )
             return float(known.initial @ description)
 
-        features = self.polar(cells, displacement)
+        features = self.polar(cells, displacement, box)
         return rotation.follow(state, features, similarity, confidence, settings)
 
     def search(self, frame: np.ndarray, cells: Floats, box: Floats) -> tuple[Maps, Integers]:
@@ -432,7 +454,7 @@ class Tracker:
 
     def window(self, frame: np.ndarray, box: Floats) -> Floats:
         """The cells [Gy, Gx] of the window around a box."""
-        shown = shown_box(box, self.settings.squareness)
+        shown = shown_box(box, self.settings)
         cells = window_cells(frame, shown, self.settings.grid)
         if self.angle == 0:
             return cells
@@ -455,10 +477,10 @@ class Tracker:
             cells, displacement, scale.factors(self.settings.scale), self.settings.grid
         )
 
-    def polar(self, cells: Floats, displacement: Floats) -> Floats:
-        """What the rotation filter sees there, [D, A]."""
-        aspect = cell_aspect(self.box, self.settings)
-        return rotation.polar(cells, displacement, aspect, self.settings.grid)
+    def polar(self, cells: Floats, displacement: Floats, box: Floats) -> Floats:
+        """What the rotation filter sees there, [D, A], in the window around a box."""
+        of_cell = cell_aspect(box, self.settings)
+        return rotation.polar(cells, displacement, of_cell, self.settings.grid)
 
     def become(self, other: Self) -> None:
         """Take over all that another track remembers."""

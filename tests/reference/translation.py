@@ -60,7 +60,7 @@ def search_middle(
     (low_y, high_y), (low_x, high_x) = reachable(box, frame_shape, settings)
     most_down = (grid.margin_rows - searched.margin_rows) // cell
     most_across = (grid.margin_columns - searched.margin_columns) // cell
-    _, _, width, height = shown_box(box, settings.squareness)
+    _, _, width, height = shown_box(box, settings)
     found = []
     for i in range(-most_down, most_down + 1):
         for j in range(-most_across, most_across + 1):

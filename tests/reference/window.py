@@ -53,23 +53,26 @@ def window_cells(frame: np.ndarray, box: Floats, grid: Grid) -> Floats:
     return cell_means(frame, box, grid) - values[row, column]
 
 
-def shown_box(box: Floats, squareness: float) -> Floats:
+def shown_box(box: Floats, settings: Settings) -> Floats:
     """What the canvas shows of a box [4]: the same area around the same centre.
 
-    Its sides are those of the box to the power of 1 - squareness, times those of the square of this
-    area to the power of squareness.
+    The sides of the first box of the track, to the power of 1 - squareness, times those of the
+    square of its area to the power of squareness, are so much wider and less high than that box.
+    By as much what is shown is wider and less high than this one.
     """
     x, y, width, height = (float(number) for number in box)
-    square = math.sqrt(width * height)
-    shown_width = width ** (1 - squareness) * square**squareness
-    shown_height = height ** (1 - squareness) * square**squareness
+    first_width, first_height = settings.initial_size or (width, height)
+    square = math.sqrt(first_width * first_height)
+    squareness = settings.squareness
+    shown_width = width / first_width * first_width ** (1 - squareness) * square**squareness
+    shown_height = height / first_height * first_height ** (1 - squareness) * square**squareness
     left, top = x + width / 2 - shown_width / 2, y + height / 2 - shown_height / 2
     return np.array([left, top, shown_width, shown_height])
 
 
 def cell_aspect(box: Floats, settings: Settings) -> float:
     """Height of a cell over its width, of the canvas of a box [4]."""
-    _, _, width, height = shown_box(box, settings.squareness)
+    _, _, width, height = shown_box(box, settings)
     return (height / settings.grid.rows) / (width / settings.grid.columns)
 
 
