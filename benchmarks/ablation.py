@@ -34,6 +34,7 @@ BEYOND = {
         "translation=none",
         "colour=none",
         "scale=none",
+        "aspect=none",
         "rotation=none",
         "verification=none,redetection=none",
         "redetection=none",

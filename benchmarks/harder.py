@@ -3,8 +3,8 @@
     python -m benchmarks.harder ROOT... --settings 'default,default prior=0.3' --seeds 3
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. What is tuned on a few sequences is tuned
-for them; here are six clips of each that are unlike it. With them, `verification.learn_above`,
-`translation.first_frame` and `rotation.gain_above` alone were chosen:
+for them; here are six clips of each that are unlike it. With them `verification.learn_above`,
+`translation.first_frame`, `rotation.gain_above` and the settings of `aspect` were chosen:
 
     second, third      every second or third frame: it moves and changes faster
     backward           from the last label to the first, and every second frame of that
