@@ -327,31 +327,38 @@ def _measured(
     """
     box, confidence, description = candidate.box, candidate.confidence, None
     descriptions = _describe(view.window, displacement, config)
-    similarity = jnp.ones_like(confidence)
+    similarity = similar_to_first = jnp.ones_like(confidence)
+    resized = jnp.array(True)
     if state.verification and config.verification:
         description = _own_scale(descriptions)
         similarity = verification.similarity(state.verification, description, config.verification)
         confidence = verification.score(similarity, config.verification)
+        # Where the object is not recognised, behind something perhaps, it keeps its size.
+        resized = confidence > config.verification.sure_above
+        similar_to_first = state.verification.initial @ description
+        if state.rotation:
+            # And so it does turned, unless by the template which says that it has turned: the
+            # online one may have learned what is in front of it.
+            of_first = verification.score(similar_to_first, config.verification)
+            resized &= (state.rotation.angle == 0) | (of_first > config.verification.lost_below)
     if state.scale and config.scale:
         steps = scale.estimate(state.scale, descriptions)
         if config.verification is not None:
             steps -= scale.pull(box, state.initial_size, similarity, config.scale)
-            # Where the object is not recognised, behind something perhaps, it keeps its size.
-            steps = jnp.where(confidence > config.verification.sure_above, steps, 0)
+            steps = jnp.where(resized, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
     if state.verification and config.verification and config.aspect:
-        assert description is not None
         narrower = aspect.follow(
             box,
             state.initial_size,
             state.verification.initial,
-            state.verification.initial @ description,
+            similar_to_first,
             view.window,
             displacement,
             config.aspect,
             config.grid,
         )
-        box = jnp.where(confidence > config.verification.sure_above, narrower, box)
+        box = jnp.where(resized, narrower, box)
     candidate = candidate._replace(box=box, confidence=confidence, description=description)
     if not (state.rotation and state.verification and config.rotation):
         return candidate._replace(rotation=state.rotation)

@@ -14,7 +14,7 @@ import reference
 from layout import reference_at, reference_pool, reference_settings
 from sequences import load
 from settings import SMALL_DEFAULT
-from textures import narrowed_frames, turned_frames
+from textures import enlarged, narrowed_frames, turned_frames
 
 import dcs_jax
 from dcs_jax import (
@@ -211,6 +211,35 @@ def test_30_frames_of_an_object_that_turns_are_those_of_the_reference(rendered, 
     assert infos[-1].confidence > 0.9
     # By 90 degrees: it is now as wide as it was high.
     assert infos[-1].box[2] / infos[-1].box[3] > 1.1
+
+
+def test_an_object_that_has_turned_keeps_its_size_unless_like_its_initial_template(rendered):
+    """What is in front of it may have been learned by the online template since it turned."""
+    clip = turning(rendered)
+    state = initialised(clip, SMALL_DEFAULT)
+    for frame in clip.frames[1:]:
+        state, info = step(state, frame, SMALL_DEFAULT)
+    assert state.rotation
+    assert state.verification
+    assert state.rotation.angle != 0
+    box = np.asarray(state.box)
+    nearer = enlarged(clip.frames[-1], box, 1.1)
+    known = state.verification
+    other = known._replace(initial=known.initial[::-1], online=known.initial)
+    for verification, grows in ((known, True), (other, False)):
+        after, info = step(state._replace(verification=verification), nearer, SMALL_DEFAULT)
+        assert info.confidence > 0.9
+        assert (after.box[2] > 1.04 * box[2]) == grows
+        if not grows:
+            np.testing.assert_allclose(after.box[2:], box[2:])
+    # Upright, it is enough that it is recognised.
+    upright = initialised(clip, SMALL_DEFAULT)
+    assert upright.verification
+    box, known = np.asarray(upright.box), upright.verification
+    other = known._replace(initial=known.initial[::-1])
+    frame = enlarged(clip.frames[0], box, 1.1)
+    after, _ = step(upright._replace(verification=other), frame, SMALL_DEFAULT)
+    assert after.box[2] > 1.04 * box[2]
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,14 @@ def turned_frames(frame: np.ndarray, box: np.ndarray, degrees: float, length: in
     )
 
 
+def enlarged(frame: np.ndarray, box: np.ndarray, factor: float) -> np.ndarray:
+    """The frame, enlarged around the middle of a box."""
+    x, y, w, h = (float(number) for number in box)
+    middle = x + (w - 1) / 2, y + (h - 1) / 2
+    around = cv2.getRotationMatrix2D(middle, 0.0, factor)
+    return cv2.warpAffine(frame, around, frame.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
+
+
 def narrowed_frames(frame: np.ndarray, box: np.ndarray, widths: np.ndarray) -> np.ndarray:
     """The frame as narrow as each of the widths says, relative to its own, and as much higher.
 

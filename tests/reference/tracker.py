@@ -172,6 +172,12 @@ class Tracker:
             confidence = verification.score(similarity, settings.verification)
             # Behind something, perhaps, the object keeps its size.
             keep_size = not confidence > settings.verification.sure_above
+            if self.angle != 0:
+                # So does one that has turned and is not like its initial template.
+                of_first = verification.score(
+                    float(known.initial @ description), settings.verification
+                )
+                keep_size = keep_size or not of_first > settings.verification.lost_below
             if settings.scale:
                 pull = scale.pull(box, self.initial_size, similarity, settings.scale)
         if self.scale and settings.scale and not keep_size:
