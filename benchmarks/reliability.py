@@ -4,7 +4,8 @@
 
 ROOT is a folder of sequences as for `dcs-jax evaluate`. All labelled frames of all sequences and
 seeds count, except the first one of each; a box is right where its IoU is above 0.5. Where a
-sequence has labels with size for every frame, `groundtruth_every_frame.txt`, those are used. Where
+sequence has labels with size for every frame, `groundtruth_every_frame.txt`, those are used, and
+the first of them is where a track starts: another annotator's box has other margins. Where
 all labels have one size, they say nothing about the object's, and the box of the initial size is
 compared (`output_size="initial"`), unless --estimated. Prints Markdown; --plot also draws the
 reliability diagram. Of the boxes with an IoU below 0.3, "sure" is the share with a confidence above
@@ -76,7 +77,7 @@ def main() -> None:
         compared = config
         if have_one_size(truth) and not arguments.estimated:
             compared = dataclasses.replace(config, output_size="initial")
-        runs = run_seeds(sequence.frames, sequence.truth[0], range(arguments.seeds), compared)
+        runs = run_seeds(sequence.frames, truth[0], range(arguments.seeds), compared)
         found = np.array([overlap(boxes, truth) for boxes in runs.boxes])[:, 1:]
         labelled = ~np.isnan(found)
         confidences.append(runs.confidence[:, 1:][labelled].astype(np.float64))

@@ -51,7 +51,7 @@ def test_labels_of_one_size(labels, expected):
 
 def test_a_box_is_compared_in_the_size_that_the_labels_have(monkeypatch, capsys, tmp_path):
     """Labels of one size say nothing of the size; others do."""
-    sizes = []
+    sizes, starts = [], []
 
     class Runs:
         boxes = np.array([[[0.0, 0, 20, 10], [1, 1, 20, 10]]])
@@ -59,6 +59,7 @@ def test_a_box_is_compared_in_the_size_that_the_labels_have(monkeypatch, capsys,
 
     def run_seeds(frames, box, seeds, config):
         sizes.append(config.output_size)
+        starts.append(box.tolist())
         return Runs
 
     class Sequence:
@@ -82,5 +83,6 @@ def test_a_box_is_compared_in_the_size_that_the_labels_have(monkeypatch, capsys,
         monkeypatch.setattr("sys.argv", ["reliability", str(tmp_path), *options])
         reliability.main()
     assert sizes == ["initial", "estimated", "estimated"]
+    assert starts == [[0, 0, 20, 10]] * 3
     assert Config().output_size == "estimated"
     assert "| some | 1 | 1.000 | 0.900 |" in capsys.readouterr().out
