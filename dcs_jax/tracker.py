@@ -348,17 +348,17 @@ def _measured(
             steps = jnp.where(resized, steps, 0)
         box = scale.resize(box, steps, frame_shape, config.scale)
     if state.verification and config.verification and config.aspect:
-        narrower = aspect.follow(
+        box = aspect.follow(
             box,
             state.initial_size,
-            state.verification.initial,
+            state.verification,
             similar_to_first,
+            resized,
             view.window,
             displacement,
             config.aspect,
             config.grid,
         )
-        box = jnp.where(resized, narrower, box)
     candidate = candidate._replace(box=box, confidence=confidence, description=description)
     if not (state.rotation and state.verification and config.rotation):
         return candidate._replace(rotation=state.rotation)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from textures import integral, texture
 
 from dcs_jax import AspectRatio, Config
-from dcs_jax.extensions import aspect
+from dcs_jax.extensions import aspect, verification
 from dcs_jax.extensions.descriptors import describe
 
 GRID = Config(canvas=(24, 20)).grid
@@ -39,16 +39,31 @@ def description_of(window: jax.Array) -> jax.Array:
 
 
 @jax.jit
-def follow(box: jax.Array, initial: jax.Array, window: jax.Array, settings: AspectRatio):
+def follow(
+    box: jax.Array,
+    initial: jax.Array,
+    window: jax.Array,
+    settings: AspectRatio,
+    rested: int = 0,
+    resized: bool = True,
+) -> jax.Array:
+    known = verification.init(initial, box)._replace(num_rested=jnp.asarray(rested))
     similarity = initial @ description_of(window)
-    return aspect.follow(box, INITIAL_SIZE, initial, similarity, window, HERE, settings, GRID)
+    may = jnp.asarray(resized)
+    return aspect.follow(box, INITIAL_SIZE, known, similarity, may, window, HERE, settings, GRID)
 
 
-def followed(taken: float, window: np.ndarray, settings: AspectRatio = SETTINGS) -> float:
+def followed(
+    taken: float,
+    window: np.ndarray,
+    settings: AspectRatio = SETTINGS,
+    rested: int = 0,
+    resized: bool = True,
+) -> float:
     """By how many steps the box changes whose object is seen so in it."""
     initial = description_of(integral(seen(1)))
     box = box_of(taken)
-    found = np.asarray(follow(box, initial, integral(window), settings))
+    found = np.asarray(follow(box, initial, integral(window), settings, rested, resized))
     np.testing.assert_allclose(found[:2] + found[2:] / 2, (200, 300), atol=1e-3)
     np.testing.assert_allclose(found[2:].prod(), box[2:].prod(), rtol=1e-5)
     return float(np.log(found[3] / found[2] * box[2] / box[3]) / np.log(STEP))
@@ -61,8 +76,11 @@ def followed(taken: float, window: np.ndarray, settings: AspectRatio = SETTINGS)
     similar_above=st.sampled_from([0.3, 0.8]),
     gain_above=st.sampled_from([0.02, 0.1]),
     cost=st.sampled_from([0.0, 0.1, 1.0]),
+    rested=st.integers(0, 1),
 )
-def test_the_box_is_that_of_the_reference(seed, taken, taller, similar_above, gain_above, cost):
+def test_the_box_is_that_of_the_reference(
+    seed, taken, taller, similar_above, gain_above, cost, rested
+):
     settings = AspectRatio(similar_above=similar_above, gain_above=gain_above, cost=cost)
     window, box = seen(seed, taller), box_of(taken)
     template = reference.descriptors.describe(seen(seed), np.zeros(2), 1.0, GRID)
@@ -74,7 +92,10 @@ def test_the_box_is_that_of_the_reference(seed, taken, taller, similar_above, ga
         compared[steps] = float(template @ patch)
         return compared[steps]
 
-    wanted = reference.aspect.follow(np.asarray(box), np.asarray(INITIAL_SIZE), similarity, known)
+    similarity(0)
+    wanted = reference.aspect.follow(
+        np.asarray(box), np.asarray(INITIAL_SIZE), similarity, known, rested=rested > 0
+    )
     # But for what float32 may round to the other side.
     values = np.array(list(compared.values()))
     score = values - cost * np.log(STEP) * np.abs(taken + np.array(list(compared)))
@@ -88,7 +109,7 @@ def test_the_box_is_that_of_the_reference(seed, taken, taller, similar_above, ga
     )
     assume(apart.min() > 1e-4)
     initial = jnp.asarray(template, jnp.float32)
-    found = follow(box, initial, integral(window), settings)
+    found = follow(box, initial, integral(window), settings, rested)
     np.testing.assert_allclose(found, wanted, rtol=1e-4)
 
 
@@ -127,6 +148,21 @@ def test_the_first_ratio_is_taken_again_where_it_is_more_alike(taken):
 @pytest.mark.parametrize("taken", [-1.2, 1.2])
 def test_one_that_is_all_but_the_first_is_the_first(taken):
     assert followed(taken, seen(1, STEP ** (-taken * 0.8))) == pytest.approx(-taken, abs=1e-3)
+
+
+@pytest.mark.parametrize("steps", [-4, 4])
+def test_the_first_ratio_is_left_in_a_frame_that_is_learned_from(steps):
+    window = seen(1, STEP**steps)
+    assert followed(0, window, rested=1) == 0
+    # One that was left is followed in all of them.
+    assert followed(steps, seen(1, STEP ** (steps / 2)), rested=1) == pytest.approx(
+        np.sign(steps), abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("taken", [0, 4])
+def test_an_object_that_keeps_its_size_keeps_its_ratio(taken):
+    assert followed(taken, seen(1, STEP**4), resized=False) == pytest.approx(0, abs=1e-3)
 
 
 def test_a_cost_keeps_the_first_ratio():

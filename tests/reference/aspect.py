@@ -19,11 +19,14 @@ def follow(
     initial_size: Floats,
     similarity: Callable[[float], float],
     settings: AspectRatio,
+    *,
+    rested: bool = False,
 ) -> Floats:
     """The box [4] with the ratio that it is to have, of the same area around the same centre.
 
     initial_size: [2], w and h of the first box. similarity: to the initial template, of the object
-    in a box so many steps taller than this one.
+    in a box so many steps taller than this one. rested: whether the frame before was not learned
+    from.
     """
     x, y, width, height = box
     first = math.log(initial_size[1] / initial_size[0])
@@ -35,7 +38,9 @@ def follow(
         return similarity(steps) - settings.cost * abs(taken + steps) * math.log(STEP)
 
     steps: float
-    if taken == 0:
+    if taken == 0 and rested:
+        steps = 0
+    elif taken == 0:
         steps = max(FROM_FIRST, key=score)
         gain = similarity(steps) - similarity(0)
         if not (similarity(steps) > settings.similar_above and gain > settings.gain_above):

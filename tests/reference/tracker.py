@@ -206,7 +206,9 @@ class Tracker:
             patch = describe(cells, displacement, 1.0, self.settings.grid, taller)
             return float(known.initial @ patch)
 
-        return aspect.follow(box, self.initial_size, similarity, settings)
+        return aspect.follow(
+            box, self.initial_size, similarity, settings, rested=known.num_rested > 0
+        )
 
     def turned(
         self, cells: Floats, displacement: Floats, confidence: float, box: Floats
